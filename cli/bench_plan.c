@@ -431,14 +431,20 @@ static int check_names(const struct reader *r, const json_t *block, size_t index
 /* Cells of one poison are of one shard; shards take turns in the order of the plan. */
 static bool in_shard(const struct reader *r, const struct cell *c)
 {
-    char key[33];
+    char key[34];
     json_t *name = json_pack("[s,s]", c->scene, c->photos);
     make_key(name, key);
+    strcpy(key + 32, strcmp(c->photos, CLEAN) ? "" : "c");
     json_decref(name);
     const json_t *part = json_object_get(r->parts, key);
     if (part)
         return json_integer_value(part) == r->shard;
-    const int turn = (int) (json_object_size(r->parts) % (size_t) r->shards);
+    int turn = 0; /* poisons, which take longer, have turns of their own */
+    const char *other;
+    json_t *value;
+    const bool clean = !strcmp(c->photos, CLEAN);
+    json_object_foreach(r->parts, other, value) turn += (other[32] == 'c') == clean;
+    turn = (clean ? r->shards - 1 - turn % r->shards : turn) % r->shards;
     json_object_set_new(r->parts, key, json_integer(turn));
     return turn == r->shard;
 }
@@ -567,6 +573,8 @@ static int check_lists(const struct reader *r, const char *table)
             if (!code && !json_object_get(value, "train") == !json_object_get(value, "prune"))
                 code = wrong(r, "%s: expected either train or prune; prune has the run of `from`",
                              where);
+            if (!code && from && !json_object_get(value, "prune"))
+                code = wrong(r, "%s.from: found without prune, expected it with one", where);
             if (!code && from &&
                 (!json_is_string(from) || !in(r->plan->root, table, json_string_value(from)) ||
                  json_object_get(in(r->plan->root, table, json_string_value(from)), "prune")))

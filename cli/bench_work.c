@@ -24,6 +24,7 @@
 #define ARGUMENTS 256
 #define GRACE 60.0 /* seconds to save in, after which a process is killed */
 #define POLL_NS 20000000
+#define MADE "made" /* marks the folder of a job that is done */
 
 enum state { WAITING, RUNNING, DONE, FAILED };
 
@@ -125,6 +126,10 @@ static void add_option(struct scheduler *s, struct command_line *c, const struct
     }
     const char *clean = s->b->plan->jobs[j->needs[j->n_needs - 1]].key;
     const double n = store_metric(s->b->store, clean, "final_gaussians");
+    if (!(n >= 0)) { /* which the command refuses */
+        add(c, "%s", text);
+        return;
+    }
     add(c, "%.0f", n * factor > 4 ? floor(n * factor) : 4);
 }
 
@@ -460,6 +465,10 @@ static int finish(struct scheduler *s, int index, const char *status)
     if (code)
         return code;
     w->state = strcmp(status, "done") ? FAILED : DONE;
+    const int made =
+        w->state == DONE ? open(below(w, MADE), O_WRONLY | O_CREAT | O_CLOEXEC, 0666) : -1;
+    if (made >= 0)
+        close(made);
     s->done += w->state == DONE, s->failed += w->state == FAILED;
     if (w->state == DONE && !s->b->keep) {
         remove(below(w, "run/checkpoint.bin"));
@@ -616,13 +625,25 @@ static int wait_some(struct scheduler *s)
     return code;
 }
 
-/* Whether what a job has made is there. Synthetic scenes, trainings and poisons leave something
- * that others need. */
-static bool has_folder(const struct scheduler *s, int index)
+/* Whether what a job has made for others is there, and whole. */
+static bool has_product(const struct scheduler *s, int index)
 {
     const struct job *j = &s->b->plan->jobs[index];
-    return (j->kind == JOB_SCENE && !json_object_get(j->config, "synth")) ||
-           exists(s->work[index].folder);
+    struct work *w = &s->work[index];
+    if (j->kind == JOB_SCENE)
+        return !json_object_get(j->config, "synth") || exists(below(w, MADE));
+    return j->kind == JOB_PRUNE ? exists(below(w, "model.ply")) : phase_is_done(j, w);
+}
+
+/* Of the clean run a limit needs its number only. */
+static bool needs_product(const struct job *j, int k)
+{
+    const json_t *options = options_of(j);
+    double factor;
+    for (size_t i = 0; i < json_array_size(options) && k == j->n_needs - 1; i++)
+        if (plan_limit(json_string_value(json_array_get(options, i)), &factor))
+            return false;
+    return true;
 }
 
 /* Results stay when the folders of their jobs are gone. These jobs run again where others need what
@@ -631,13 +652,13 @@ static void repeat_needed(struct scheduler *s)
 {
     const struct plan *p = s->b->plan;
     for (int i = p->n; i-- > 0;) { /* needs come before */
-        if (s->work[i].state == DONE)
+        const struct job *j = &p->jobs[i];
+        if (s->work[i].state != WAITING || is_ready(s, i) < 0)
             continue;
-        for (int k = 0; k < p->jobs[i].n_needs && s->work[i].state == WAITING; k++) {
-            const int need = p->jobs[i].needs[k];
-            if (s->work[need].state == DONE && !has_folder(s, need))
-                s->work[need].state = WAITING;
-        }
+        for (int k = 0; k < j->n_needs; k++)
+            if (s->work[j->needs[k]].state == DONE && needs_product(j, k) &&
+                !has_product(s, j->needs[k]))
+                s->work[j->needs[k]].state = WAITING;
     }
 }
 

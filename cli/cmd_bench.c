@@ -62,14 +62,14 @@ static void put_argument(const char *before, const char *word)
     put_word(stdout, word);
 }
 
-static int print_slurm(const struct bench_config *c, const char *plan, int threads)
+static int print_slurm(const struct bench_config *c, const char *plan, int cpus)
 {
     char program[PATH_MAX];
     const int code = own_program(&command_bench, program, sizeof(program));
     if (code)
         return code;
     printf("#!/bin/sh\n#SBATCH --job-name=splatguard\n#SBATCH --array=1-%d\n", c->slurm);
-    printf("#SBATCH --cpus-per-task=%d\n", threads * (c->jobs ? c->jobs : 1));
+    printf("#SBATCH --cpus-per-task=%d\n", cpus);
     printf("# Each job writes a database of its own; splatguard report reads them together.\n");
     put_argument("exec ", program);
     put_argument(" bench ", plan);
@@ -129,12 +129,8 @@ static int run_plan(const struct bench_config *c, struct plan *p)
     char work[PATH_MAX], whole[PATH_MAX];
     int lock = -1;
     cpu_set_t set;
-    const int cpus = sched_getaffinity(0, sizeof(set), &set) ? 1 : CPU_COUNT(&set);
-    if (b.memory && !p->memory) {
-        say(stderr, "splatguard bench: --max-memory: found a plan without `memory`, expected one "
-                    "that says what a job takes\n");
-        return STATUS_USAGE;
-    }
+    const int cpus = sched_getaffinity(0, sizeof(set), &set) ? (int) sysconf(_SC_NPROCESSORS_ONLN)
+                                                             : CPU_COUNT(&set);
     if (!b.jobs)
         b.jobs = cpus / p->threads > 1 ? cpus / p->threads : 1;
     if (p->alone)
@@ -179,10 +175,15 @@ static int run_bench(const void *config, const bool *given, const char *const *p
     if (!c->output && !c->list)
         return missing(&command_bench, "-o DB");
     int code = plan_read(&plan, positional[0], c->data, shard - 1, shards);
+    if (!code && c->max_memory && !plan.memory) {
+        say(stderr, "splatguard bench: --max-memory: found a plan without `memory`, expected one "
+                    "that says what a job takes\n");
+        code = STATUS_USAGE;
+    }
     if (!code && c->list)
         print_jobs(&plan);
     else if (!code && c->slurm)
-        code = print_slurm(c, positional[0], plan.threads);
+        code = print_slurm(c, positional[0], plan.threads * (c->jobs && !plan.alone ? c->jobs : 1));
     else if (!code)
         code = run_plan(c, &plan);
     plan_clear(&plan);

@@ -36,7 +36,13 @@ static int find_photos(struct model_views *v, const struct command *command, boo
     const size_t learned = sg_model_appearances(v->model);
     bool any = false;
     if (asked && (appearance >= 0 ? (size_t) appearance >= learned : !learned)) {
-        say(stderr, "splatguard %s: --appearance: found %d, expected ", command->name, appearance);
+        char found[16];
+        snprintf(found, sizeof(found), "%d", appearance);
+        say(stderr, "splatguard %s: --appearance: found %s, expected ", command->name,
+            appearance == SG_APPEARANCE_MEAN    ? "mean"
+            : appearance == SG_APPEARANCE_ZERO  ? "zero"
+            : appearance == SG_APPEARANCE_INDEX ? "index"
+                                                : found);
         if (learned)
             say(stderr, "a photo from 0 to %zu, or index, mean or zero\n", learned - 1);
         else

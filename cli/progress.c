@@ -29,9 +29,9 @@ void progress_step(struct progress *p, const struct sg_train_step *s)
     const double rate = (s->iteration - p->first) / (now > p->start ? now - p->start : 1e-9);
     const double left = (p->iterations - s->iteration) / rate;
     const int eta = left < 3.6e6 ? (int) (left + 0.5) : 3600000;
-    fprintf(stderr, "%s%6d/%d %6.1f it/s, ETA %d:%02d:%02d %8zu Gaussians, loss %.4f, PSNR %.2f%s",
+    fprintf(stderr, "%s%d/%d %.1f it/s, ETA %d:%02d:%02d, %zu Gaussians, loss %.4f, PSNR %.2f%s",
             p->terminal ? "\r" : "", s->iteration, p->iterations, rate, eta / 3600, eta / 60 % 60,
-            eta % 60, s->gaussians, p->loss, p->psnr, p->terminal ? " \033[K" : "\n");
+            eta % 60, s->gaussians, p->loss, p->psnr, p->terminal ? "\033[K" : "\n");
     if (last)
         progress_break(p);
     fflush(stderr);

@@ -50,7 +50,7 @@ struct paper_row {
 
 /* A job that runs need, and that has no result. */
 struct obstacle {
-    char *kind, *status, *message, *command;
+    char *kind, *status, *message, *command, *key;
 };
 
 /* An audit of a scene's photos of one kind. */

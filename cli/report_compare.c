@@ -130,13 +130,16 @@ static double mean_of(const struct report *r, const struct side *s, const struct
 
 static bool begins(const struct report *r, const struct side *s, size_t i, bool by_defense)
 {
+    const struct result *b = r->groups[i].first;
+    if (!is_of(r, s, b))
+        return false;
     for (size_t k = 0; k < i; k++) {
-        const struct result *a = r->groups[k].first, *b = r->groups[i].first;
+        const struct result *a = r->groups[k].first;
         if (is_of(r, s, a) &&
             (by_defense ? !strcmp(a->defense, b->defense) : !strcmp(a->photos, b->photos)))
             return false;
     }
-    return is_of(r, s, r->groups[i].first);
+    return true;
 }
 
 static void put_side(FILE *f, const struct report *r, enum format format, const struct side *s,
@@ -150,7 +153,9 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
     const char *titles[SIDES + 1] = {"defense"}, **photos = titles + 1;
     int n = 0;
     for (size_t i = 0; i < r->n_groups && n < SIDES; i++)
-        if (begins(r, s, i, false))
+        if (begins(r, s, i, false) &&
+            (!s->preset || isfinite(mean_of(r, s, &r->groups[i], r->groups[i].first->photos, OFF,
+                                            M_MAX_GAUSSIANS))))
             photos[n++] = r->groups[i].first->photos;
     if (n < 2)
         return;
@@ -162,14 +167,20 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
                         : parts[k].name);
         begin_table(f, format, titles, n + 1);
         for (size_t i = 0; i < r->n_groups; i++) {
+            const char *defense = r->groups[i].first->defense;
+            double values[SIDES];
+            bool any = !s->preset; /* not all scenes may have a defense */
             if (!begins(r, s, i, true))
                 continue;
-            begin_row(f, format, r->groups[i].first->defense);
+            for (int c = 0; c < n; c++) {
+                values[c] = mean_of(r, s, &r->groups[i], photos[c], defense, parts[k].metric);
+                any |= isfinite(values[c]);
+            }
+            if (!any)
+                continue;
+            begin_row(f, format, defense);
             for (int c = 0; c < n; c++)
-                put_number(f, format,
-                           mean_of(r, s, &r->groups[i], photos[c], r->groups[i].first->defense,
-                                   parts[k].metric),
-                           NAN, parts[k].digits);
+                put_number(f, format, values[c], NAN, parts[k].digits);
             end_row(f, format);
         }
         end_table(f, format);

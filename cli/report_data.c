@@ -243,12 +243,16 @@ static int take_obstacle(void *arg, int columns, const char *const *v)
 {
     struct report *r = arg;
     (void) columns;
+    for (size_t i = 0; i < r->n_obstacles; i++)
+        if (!strcmp(r->obstacles[i].key, v[4] ? v[4] : ""))
+            return STATUS_DONE;
     struct obstacle *more = realloc(r->obstacles, (r->n_obstacles + 1) * sizeof(*more));
     if (!more)
         return no_memory();
     r->obstacles = more;
-    r->obstacles[r->n_obstacles++] = (struct obstacle){report_copy(v[0]), report_copy(v[1]),
-                                                       report_copy(v[2]), report_copy(v[3])};
+    r->obstacles[r->n_obstacles++] =
+        (struct obstacle){report_copy(v[0]), report_copy(v[1]), report_copy(v[2]),
+                          report_copy(v[3]), report_copy(v[4])};
     return STATUS_DONE;
 }
 
@@ -290,10 +294,15 @@ int report_load(struct report *r, const char *path)
         code = store_query(s, "SELECT name, text FROM plan", take_plan,
                            &(struct reading_plans){r, path});
     if (!code)
-        code = store_query(s,
-                           "SELECT kind, status, message, command FROM job WHERE status <> 'done'"
-                           " AND key NOT IN (SELECT key FROM cell) ORDER BY kind, key",
-                           take_obstacle, r);
+        code =
+            store_query(s,
+                        "SELECT kind, status, message, command, key FROM job WHERE status <> 'done'"
+                        " AND kind IN ('scene', 'proxy', 'poison', 'train')"
+                        " AND key NOT IN (SELECT key FROM cell)"
+                        /* of an earlier plan, unless something could not run */
+                        " AND EXISTS (SELECT 1 FROM cell WHERE key NOT IN (SELECT key FROM job))"
+                        " ORDER BY kind, key",
+                        take_obstacle, r);
     if (!code)
         code = store_query(s,
                            "SELECT key, name, value FROM metric"
@@ -414,7 +423,7 @@ void report_clear(struct report *r)
 {
     for (size_t i = 0; i < r->n_obstacles; i++) {
         struct obstacle *o = &r->obstacles[i];
-        free(o->kind), free(o->status), free(o->message), free(o->command);
+        free(o->kind), free(o->status), free(o->message), free(o->command), free(o->key);
     }
     free(r->obstacles);
     for (size_t i = 0; i < r->n; i++)

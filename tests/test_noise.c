@@ -328,6 +328,23 @@ static void growth_follows_what_is_hidden(void **state)
     clear_fixture(&f);
 }
 
+/* A look in an iteration that resets opacity would see little, so it comes one before. */
+static void looks_come_before_resets(void **state)
+{
+    (void) state;
+    struct fixture f = make_noisy(1);
+    struct sg_train_params p = look_params();
+    p.opacity_reset_interval = LOOK, p.iterations = p.densify_until_iter = 40;
+    sg_trainer *t = begin_training(&f, &p);
+    for (int it = 1; it <= LOOK; it++) {
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_int_equal(s.noise.compared, it == LOOK - 1 ? VIEWS - 1 : 0);
+    }
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
 static void no_look_is_asked_for(void **state)
 {
     (void) state;
@@ -415,6 +432,7 @@ int main(void)
         cmocka_unit_test(bound_in_few_photos),
         cmocka_unit_test(given_tolerance_stays),
         cmocka_unit_test(growth_follows_what_is_hidden),
+        cmocka_unit_test(looks_come_before_resets),
         cmocka_unit_test(no_look_is_asked_for),
         cmocka_unit_test(same_bytes_for_threads_and_resume),
         cmocka_unit_test(total_variation_of_tolerated_photos),

@@ -138,6 +138,11 @@ static void bound_on_black_and_white(void **state)
         assert_true(bound(state, make_ground(NONE, 0, ground)) == 0);
         assert_true(bound(state, make_ground(TWO_VALUES, 2, ground)) == 0);
         assert_true(bound(state, make_ground(NORMAL, 8, ground)) == 0); /* none is sharp */
+        struct picture *p = make_ground(NONE, 0, ground); /* a little grey everywhere */
+        for (int i = 0; i < 3 * W * H; i++)
+            p->photo[i] =
+                (uint8_t) (ground == BLACK ? fmax(p->photo[i], 4) : fmin(p->photo[i], 251));
+        assert_true(bound(state, p) == 0);
     }
     assert_true(bound(state, make(TWO_VALUES, 16)) == 0);
 }

@@ -417,21 +417,25 @@ class Trainer:
         self.scene, self.context = scene, scene.context
         if audit not in (None, "defend", "refuse") and not isinstance(audit, dict):
             raise UsageError(f'audit: found {audit!r}, expected a result of audit(scene), "defend" or "refuse"')
-        if isinstance(audit, str) or params.get("tolerance") == "auto":
+        automatic = params.get("tolerance") == "auto"
+        if isinstance(audit, str) or automatic:
             found = audit if isinstance(audit, dict) else _core.audit(scene._handle)
             if audit == "refuse" and found["verdict"] == "poisoned":
                 raise PoisonedError(f"found poisoned photos (score {found['score']:.3f}), expected clean ones")
-            if params.get("tolerance") == "auto":
+            if audit == "refuse" or (audit == "defend" and found["verdict"] == "clean"):
+                audit = None
+            elif audit == "defend":
+                audit = found
+            if automatic:
                 del params["tolerance"]
-                if tolerances is None and audit in (None, "refuse"):
-                    tolerances = memoryview(found["defense"]["tolerances"]).cast("f")
-            audit = found if audit == "defend" and found["verdict"] != "clean" else \
-                audit if isinstance(audit, dict) else None
+                if audit is None and tolerances is None:
+                    tolerances = memoryview(found["tolerances"]).cast("f")
         if audit is not None:
             found = dict(audit["defense"])
             own = {name: memoryview(found.pop(name)).cast("f")
                    for name in ("tolerances", "view_weights")}
-            tolerances = own["tolerances"] if tolerances is None else tolerances
+            if tolerances is None and "tolerance" not in params:
+                tolerances = own["tolerances"]
             view_weights = own["view_weights"] if view_weights is None else view_weights
             params = {**found, **{k.rstrip("_"): v for k, v in params.items()}}
             defense = True
@@ -506,10 +510,11 @@ def evaluate(model, scene, split="test", match_colors=False, fps=False, **params
 def audit(scene):
     """Looks for poison in the training photos, from their pixels alone.
 
-    Returns {verdict, score, tau, tau_error, reasons, images, defense}. verdict: "clean",
+    Returns {verdict, score, tau, tau_error, reasons, images, defense, tolerances}. verdict: "clean",
     "suspicious" or "poisoned"; score: 0 to 1; tau: the poison's estimated amplitude in grey levels;
     reasons: sentences; images: a list of {name, verdict, score, tau, tau_error, features} in the
-    order of scene.train; defense: for Trainer(audit=...).
+    order of scene.train; defense: for Trainer(audit=...); tolerances: those of tolerance="auto",
+    float32 per training view.
     """
     return _core.audit(scene._handle)
 

@@ -324,15 +324,21 @@ static PyObject *audit_dict(const struct sg_audit *a, const struct sg_scene *sce
         PyObject *text = PyUnicode_FromString(a->reasons[i]);
         list_take(&reasons, text);
     }
-    PyObject *automatic = images && reasons ? automatic_dict(a, scene) : NULL;
-    PyObject *dict = automatic ? Py_BuildValue("{s:s,s:d,s:d,s:d,s:O,s:O,s:O}", "verdict",
-                                               sg_audit_verdict_name(a->verdict), "score", a->score,
-                                               "tau", a->tau, "tau_error", a->tau_error, "reasons",
-                                               reasons, "images", images, "defense", automatic)
-                               : NULL;
+    const Py_ssize_t bytes = (Py_ssize_t) (scene->n_train * sizeof(float));
+    PyObject *automatic = images && reasons ? automatic_dict(a, scene) : NULL,
+             *tolerances = automatic ? PyByteArray_FromStringAndSize(NULL, bytes) : NULL;
+    if (tolerances)
+        sg_defense_tolerances(a, (float *) (void *) PyByteArray_AsString(tolerances));
+    PyObject *dict =
+        tolerances ? Py_BuildValue("{s:s,s:d,s:d,s:d,s:O,s:O,s:O,s:O}", "verdict",
+                                   sg_audit_verdict_name(a->verdict), "score", a->score, "tau",
+                                   a->tau, "tau_error", a->tau_error, "reasons", reasons, "images",
+                                   images, "defense", automatic, "tolerances", tolerances)
+                   : NULL;
     Py_XDECREF(images);
     Py_XDECREF(reasons);
     Py_XDECREF(automatic);
+    Py_XDECREF(tolerances);
     return dict;
 }
 

@@ -88,10 +88,11 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, double to
         const bool covered = image->tau <= tolerance + image->tau_error;
         /* Growth follows the energy of the noise. Weak noise costs less than the filter does, and
          * tolerated noise causes no growth. */
-        tolerances[i] = (hopeless && image->tau > 0) || tolerance == 0 ? 0
-                        : tolerance < 0                                ? tolerance_of(audit, image)
-                        : covered                                      ? (float) tolerance
-                                                                       : 0;
+        tolerances[i] =
+            (hopeless && image->tau > 0 && tolerance <= SG_TOLERANCE_MAX) || tolerance == 0 ? 0
+            : tolerance < 0 ? tolerance_of(audit, image)
+            : covered       ? (float) tolerance
+                            : 0;
         const double part =
             tolerances[i] > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
         strength += vote * part;

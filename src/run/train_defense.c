@@ -42,7 +42,10 @@ int sg_run_check(sg_ctx *ctx, const struct sg_run_params *params)
     if (code)
         return code;
     p.train.defense.on |= p.audit == SG_RUN_AUDIT_DEFEND; /* which the photos decide */
-    const struct sg_defense_params *d = &p.train.defense, preset = published(p.preset);
+    const struct sg_defense_params *d = &p.train.defense;
+    struct sg_defense_params preset = published(p.preset);
+    if (p.preset == SG_RUN_PRESET_AUTO)
+        preset.rho = -0.1; /* a share of growth, however large the photos make it */
     if (d->rho_least > 0 &&
         (d->rho == SG_PRESET_RHO ? p.preset != SG_RUN_PRESET_AUTO : d->rho >= 0))
         return sg_fail(

@@ -92,13 +92,29 @@ static double quantile(struct values *v, size_t quarters)
     return v->count ? v->of[v->count * quarters / 4] : 0;
 }
 
-/* What a look has measured. given: the tolerances before all looks, of those photos that had one;
- * bounds: see sg_residual_bound. */
+/* What a look has measured. bounds: see sg_residual_bound. */
 struct findings {
-    struct values levels, kurtosis, bounds, given;
+    struct values levels, kurtosis, bounds;
     struct difference sum;
     size_t photos;
 };
+
+/* The median of the tolerances before all looks, of the photos that had one. */
+static int find_given(const sg_trainer *t, double *out)
+{
+    const size_t n = t->scene->n_train;
+    double *given = sg_alloc_raw(t->ctx, SG_MEM_MISC, n, sizeof(*given));
+    size_t count = 0;
+    if (!given)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < n && t->params.tolerances; i++)
+        if (t->params.tolerances[i] > 0)
+            given[count++] = (double) t->params.tolerances[i];
+    qsort(given, count, sizeof(*given), sg_double_ascending);
+    *out = count ? given[count / 2] : 0;
+    sg_free(given);
+    return SG_OK;
+}
 
 static bool shows_bound(const struct findings *f)
 {
@@ -111,9 +127,9 @@ static bool shows_bound(const struct findings *f)
  *
  * A bound that shows in photos is exact. But a poison could be weaker there, so it counts down to
  * half of what was given, which is the audit's estimate less its error. */
-static double level_of(const sg_trainer *t, struct findings *f)
+static double level_of(const sg_trainer *t, struct findings *f, double given)
 {
-    const double given = quantile(&f->given, 2), measured = quantile(&f->levels, 3);
+    const double measured = quantile(&f->levels, 3);
     double level = t->noise > 0 ? t->noise : fmax(measured, fmin(RAISE * measured, given));
     if (shows_bound(f))
         level = fmax(quantile(&f->bounds, 3), 0.5 * given);
@@ -139,8 +155,6 @@ static int look_at(const struct eye *e, size_t view, struct findings *f)
     if (code)
         return code;
     f->photos++;
-    if (t->params.tolerances && t->params.tolerances[view] > 0) /* no look has added it */
-        put(&f->given, (double) t->params.tolerances[view]);
     if (r.blocks)
         put(&f->levels, r.level), put(&f->kurtosis, r.kurtosis);
     if (bound > 0)
@@ -163,7 +177,7 @@ static int look_at_tolerated(const struct eye *e, size_t tolerated, struct findi
 
 /* Photos of one attack show its bound in one way. So where those that the audit doubts show it, the
  * others are looked at too, and get a tolerance if they show about the same. */
-static int look_at_others(const struct eye *e, float tolerance, size_t *added)
+static int look_at_others(const struct eye *e, float tolerance, double shown, size_t *added)
 {
     sg_trainer *t = e->t;
     int code = SG_OK;
@@ -174,7 +188,7 @@ static int look_at_others(const struct eye *e, float tolerance, size_t *added)
             continue;
         code = bound_of(e, i, photo, &bound);
         sg_view_release(&t->scene->train[i]);
-        if (bound >= 0.5 * (double) tolerance && bound <= 2 * (double) tolerance)
+        if (bound >= 0.5 * shown && bound <= 2 * shown)
             t->tolerances[i] = tolerance, ++*added;
     }
     return code;
@@ -185,19 +199,22 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
     sg_trainer *t = e->t;
     struct findings f = {.levels = {.count = 0}};
     int code = look_at_tolerated(e, tolerated, &f);
+    double given = 0;
+    if (!code)
+        code = find_given(t, &given);
     if (code)
         return code;
     out->compared = f.photos;
     out->photos = f.levels.count, out->bounded = f.bounds.count;
     out->kurtosis = quantile(&f.kurtosis, 2);
-    out->level = level_of(t, &f);
+    out->level = level_of(t, &f, given);
     for (size_t i = 0; t->tolerances && out->level > 0 && i < t->scene->n_train; i++)
         if (t->tolerances[i] > 0)
             t->tolerances[i] = (float) out->level;
     if (out->level > 0)
         t->noise = out->level;
     if (t->tolerances && shows_bound(&f))
-        code = look_at_others(e, (float) out->level, &out->added);
+        code = look_at_others(e, (float) out->level, quantile(&f.bounds, 3), &out->added);
     const double share = (double) (tolerated + out->added) / (double) t->scene->n_train;
     if (f.sum.all > 0 && isfinite(f.sum.all)) /* a broken Gaussian can draw anything */
         t->beyond = out->beyond = 1 - (1 - f.sum.beyond / f.sum.all) * share;

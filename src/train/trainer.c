@@ -370,14 +370,15 @@ float sg_trainer_tolerance(const sg_trainer *t, size_t view)
     return t->tolerances ? t->tolerances[view] : t->params.tolerance;
 }
 
-/* Whether a look falls into the iterations after `before`, up to `it`. Resets of opacity, at every
- * 3000th iteration by default, lie between the looks. */
+/* Whether a look falls into the iterations after `before`, up to `it`. Where opacity is reset it is
+ * one earlier: after a reset there is little to see. */
 static bool is_look(const struct sg_train_params *p, int before, int it)
 {
     const int grows = p->densify_until_iter < p->iterations ? p->densify_until_iter : p->iterations,
               first = p->tolerance_look < 0 ? grows / 10 : p->tolerance_look;
     for (int k = 1; k <= 9 && first > 0; k += 2) {
-        const int64_t look = (int64_t) k * first;
+        int64_t look = (int64_t) k * first;
+        look -= look <= p->iterations && sg_resets_opacity(p, (int) look - 1, (int) look);
         if (before < look && it >= look && (k == 1 || look <= p->densify_until_iter))
             return true;
     }

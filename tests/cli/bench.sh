@@ -39,6 +39,24 @@ expect 0 bench plan.json -o gone.db -q
 says ' 4 are done now, 0 failed' # the scene, its poison, the run, and what is pruned of it
 [ "$(ask gone.db "select count(*) from job where status='done'")" -eq 8 ] || fail "not all jobs have a result"
 
+# Stopped while it does so, it does not take half a run for a whole one.
+plan long.json 3000 ''
+expect 0 bench long.json -o half.db -q
+ask half.db "delete from job where key in (select key from cell where defense='lg')"
+psnr=$(ask half.db "select value from metric join cell using(key) where defense='off' and photos='clean' and name='eval.psnr'")
+rm -r half.db.work
+"$tool" bench long.json -o half.db -q --jobs 1 2>err &
+pid=$!
+waited=0
+until ls half.db.work/*/run/log.jsonl >/dev/null 2>&1 || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+sleep 0.3
+interrupt $pid
+expect 0 bench long.json -o half.db -q
+for run in half.db.work/*/run; do
+    grep -q '"interrupted": false' "$run/summary.json" || fail "$run was not finished"
+done
+[ "$(ask half.db "select count(*) from job where status='done'")" -eq 8 ] && [ "$psnr" = "$(ask half.db "select value from metric join cell using(key) where defense='off' and photos='clean' and name='eval.psnr'")" ] || fail "other results"
+
 # Killed at any time: nothing is lost, nothing is done twice.
 for delay in 0.1 0.3 0.5 0.8 1.2; do
     "$tool" bench plan.json -o killed.db -q 2>/dev/null &
@@ -100,7 +118,7 @@ for i in 1 2 3; do "$tool" bench plan.json --list --shard $i/3; done | grep -c h
 expect 0 bench plan.json -o cluster.db --slurm 3
 grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shard .SLURM_ARRAY_TASK_ID/3' out || fail "the script is $(cat out)"
 [ ! -e cluster.db ] || fail "a script made a database"
-[ "$("$tool" bench plan.json --list --shard 1/2 | grep -c train)" -eq 2 ] || fail "the parts are not alike"
+for i in 1 2; do [ "$("$tool" bench plan.json --list --shard $i/2 | grep -c train)" -ge 2 ] || fail "part $i of 2 has less than half"; done
 expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
 expect 1 bench plan.json -o x.db --shard 1/3 --slurm 2; says 'exclude each other'
 expect 1 bench plan.json -o x.db --max-memory 1G; says 'found a plan without'
@@ -108,7 +126,8 @@ expect 0 bench plan.json -o "it's.db" --slurm 2
 grep -qF "'it'\\''s.db'" out && sh -n out || fail "a quote in a name breaks the script: $(cat out)"
 
 grep -q '^#SBATCH --cpus-per-task=1$' out || fail "the script asks for no CPUs: $(cat out)"
-expect 0 bench plan.json -o c.db --slurm 2 --jobs 3 --max-memory 4G --retry --keep -q
+sed 's/^{/{"memory": "1G", /' plan.json >memory.json
+expect 0 bench memory.json -o c.db --slurm 2 --jobs 3 --max-memory 4G --retry --keep -q
 grep -q -- '--jobs 3 --max-memory 4[0-9]* --retry --keep --quiet$' out || fail "the script lacks options: $(cat out)"
 
 # A folder of jobs that cannot be locked.

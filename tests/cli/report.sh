@@ -32,9 +32,10 @@ grep -qF '| bad | --rho 7 |' page/report.md || fail "the page lacks the plan's o
 grep -q 'Next to the paper' page/report.md && fail "a scene that is made is none of the paper's"
 cp r.db other.db && sqlite3 other.db "update plan set text=replace(text, '20', '21')"
 expect 2 report r.db other.db -o x; says 'other.db: found another plan "plan"'
-sqlite3 other.db "update job set status='failed', message='no luck' where kind='poison'; update plan set text=json_set(text, '\$.scenes.s', json('{\"path\": \"s\"}'));
+sqlite3 other.db "update job set status='failed', message='no luck' where kind='poison'; delete from job where key in (select key from cell where photos='noise' and defense='bad'); update plan set text=json_set(text, '\$.scenes.s', json('{\"path\": \"s\"}'));
     update cell set scene='lego', photos='eps16' where photos='noise'; update cell set scene='lego' where scene='s'; update plan set text=replace(text, '{\"s\":', '{\"lego\":')"
-expect 0 report other.db -o other -q
+expect 0 report other.db other.db -o other -q
+[ "$(grep -c 'no luck' other/report.md)" -eq 1 ] || fail "a poison twice: $(cat other/report.md)"
 grep -q '^| poison | failed | no luck | splatguard attack' other/report.md || fail "no word about a poison that failed: $(cat other/report.md)"
 grep -q '^| lego, eps16, off | 2 | .* | 2.35 | 1.00 ± 0.00 | 1.00 | ' other/report.md || fail "not next to the paper: $(cat other/report.md)"
 grep -q '"paper":{"psnr":null,"growth":2.348' other/report.html || fail "no diamond"
