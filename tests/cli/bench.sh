@@ -40,7 +40,7 @@ says ' 4 are done now, 0 failed' # the scene, its poison, the run, and what is p
 [ "$(ask gone.db "select count(*) from job where status='done'")" -eq 8 ] || fail "not all jobs have a result"
 
 # Stopped while it does so, it does not take half a run for a whole one.
-plan long.json 3000 ''
+plan long.json $((n * n)) '' # long enough to be stopped
 expect 0 bench long.json -o half.db -q
 ask half.db "delete from job where key in (select key from cell where defense='lg')"
 psnr=$(ask half.db "select value from metric join cell using(key) where defense='off' and photos='clean' and name='eval.psnr'")
