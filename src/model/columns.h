@@ -213,5 +213,7 @@ int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count,
 int sg_model_refused(sg_ctx *ctx, int code, const char *path, uint64_t count, size_t bytes);
 /* Gaussian i of a model becomes number k of one that is like it, or has a lower SH degree. */
 void sg_model_copy_row(const struct sg_model *from, size_t i, struct sg_model *to, size_t k);
+/* Whether a parameter is not finite, and which is the first. */
+bool sg_model_find_nonfinite(const struct sg_model *m, size_t *gaussian, int *plane);
 
 #endif

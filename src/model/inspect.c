@@ -5,6 +5,7 @@
 #include "core/compare.h"
 #include "core/context.h"
 #include "math/constants.h"
+#include "columns.h"
 #include "ply.h"
 #include "splatguard/model.h"
 
@@ -16,17 +17,6 @@ static bool all_finite(const struct sg_model *m, size_t i, int first, int end)
     return true;
 }
 
-/* The first value that is not finite; false if there is none. */
-static bool find_nonfinite(const struct sg_model *m, size_t *gaussian, int *plane)
-{
-    const int planes = sg_param_count(m->sh_degree);
-    for (*gaussian = 0; *gaussian < m->count; ++*gaussian)
-        for (*plane = 0; *plane < planes; ++*plane)
-            if (!isfinite(*sg_model_at(m, *gaussian, *plane)))
-                return true;
-    return false;
-}
-
 int sg_model_check(sg_ctx *ctx, const struct sg_model *m, const char *name)
 {
     size_t i;
@@ -35,7 +25,7 @@ int sg_model_check(sg_ctx *ctx, const struct sg_model *m, const char *name)
     sg_clear_error(ctx);
     if (m->count == 0)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no Gaussians, expected at least one", name);
-    if (!find_nonfinite(m, &i, &plane))
+    if (!sg_model_find_nonfinite(m, &i, &plane))
         return SG_OK;
     sg_plane_name(plane, m->sh_degree, property);
     return sg_fail(ctx, SG_ERR_INPUT, "%s: Gaussian %zu: found %s %g, expected a finite number",
@@ -88,7 +78,7 @@ int sg_model_inspect(sg_ctx *ctx, const struct sg_model *m, struct sg_model_info
         n++;
     }
     int plane;
-    if (out->nonfinite && find_nonfinite(m, &out->first_nonfinite, &plane))
+    if (out->nonfinite && sg_model_find_nonfinite(m, &out->first_nonfinite, &plane))
         sg_plane_name(plane, m->sh_degree, out->first_property);
     percentiles(scale, n, out->scale_percentile);
     percentiles(opacity, n, out->opacity_percentile);

@@ -1,4 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
+
 #include "anchors.h"
 
 int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out)
@@ -114,4 +116,14 @@ void sg_model_copy_row(const struct sg_model *from, size_t i, struct sg_model *t
             to->columns->at[c][sg_param_index(kept, k, p)] =
                 from->columns->at[c][sg_param_index(planes, i, p)];
     }
+}
+
+bool sg_model_find_nonfinite(const struct sg_model *m, size_t *gaussian, int *plane)
+{
+    const int planes = sg_param_count(m->sh_degree);
+    for (*gaussian = 0; *gaussian < m->count; ++*gaussian)
+        for (*plane = 0; *plane < planes; ++*plane)
+            if (!isfinite(*sg_model_at(m, *gaussian, *plane)))
+                return true;
+    return false;
 }

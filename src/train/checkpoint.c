@@ -544,21 +544,20 @@ static int check_networks(const struct reading *r)
  * Gaussian. Those of anchors may not, since the networks learn from all. */
 static int check_column(const struct reading *r, int c)
 {
-    const bool sum = sg_columns[c].bits & SG_COLUMN_SUM,
-               measure = sg_columns[c].bits & SG_COLUMN_MEASURE;
+    const bool measure = sg_columns[c].bits & SG_COLUMN_MEASURE, finite = measure || r->networks,
+               positive = measure || sg_columns[c].bits & SG_COLUMN_SUM;
     const int planes = sg_column_planes(c, r->m->sh_degree),
               stride = sg_column_array_planes(c, r->m->sh_degree);
     const float *from = sg_column_is_parameter(c) ? r->m->params : r->columns.at[c];
-    for (size_t k = 0; k < r->kept && (sum || measure || r->networks) && is_saved(r->t, c); k++)
+    for (size_t k = 0; k < r->kept && (positive || finite) && is_saved(r->t, c); k++)
         for (int p = 0; p < planes; p++) {
             const float value = from[sg_param_index(stride, k, sg_columns[c].first + p)];
-            if (((sum || measure) && value < 0) || ((measure || r->networks) && !isfinite(value)))
+            if ((positive && value < 0) || (finite && !isfinite(value)))
                 return sg_fail(r->t->ctx, SG_ERR_INPUT,
                                "%s: section \"%s\": %s %zu: found %g, expected a %snumber%s",
                                r->c->path, sg_columns[c].name, r->networks ? "anchor" : "Gaussian",
-                               sg_evenly(r->n, k, r->kept), (double) value,
-                               measure || r->networks ? "finite " : "",
-                               sum || measure ? " of at least 0" : "");
+                               sg_evenly(r->n, k, r->kept), (double) value, finite ? "finite " : "",
+                               positive ? " of at least 0" : "");
         }
     return SG_OK;
 }

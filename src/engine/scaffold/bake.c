@@ -81,15 +81,6 @@ static void put(const struct mean *m, struct sg_model *out, size_t i)
 
 #define LEAST_OPACITY (1 / 255.0f) /* with less it is never drawn */
 
-static bool is_finite(const struct sg_model *m)
-{
-    bool finite = true;
-    for (size_t i = 0; i < m->count; i++)
-        for (int p = 0; p < sg_param_count(m->sh_degree); p++)
-            finite &= isfinite(*sg_model_at(m, i, p)) != 0;
-    return finite;
-}
-
 /* What a view looks like: of its photo, else as asked. */
 static int look_of(const size_t *photos, int appearance, size_t v)
 {
@@ -119,7 +110,9 @@ static int bake(struct sg_engine *e, const struct sg_view *views, size_t n, cons
         if (opacity_of(&means[i]) >= LEAST_OPACITY)
             put(&means[i], *out, to++);
     sg_free(means);
-    if (!code && !is_finite(*out)) {
+    size_t gaussian;
+    int plane;
+    if (!code && sg_model_find_nonfinite(*out, &gaussian, &plane)) {
         code = sg_fail(e->ctx, SG_ERR_INPUT,
                        "model: found an anchor whose Gaussians are not finite in some view");
         sg_model_destroy(out);
