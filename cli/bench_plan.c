@@ -17,7 +17,8 @@ struct reader {
     struct plan *plan;
     const char *path, *data;
     int shard, shards, capacity;
-    json_t *parts; /* scenes and photos: the shard of each */
+    json_t *parts;       /* scenes and photos: the shard of each */
+    int poisons, cleans; /* among them */
 };
 
 __attribute__((format(printf, 2, 3))) static int wrong(const struct reader *r, const char *format,
@@ -428,23 +429,19 @@ static int check_names(const struct reader *r, const json_t *block, size_t index
     return STATUS_DONE;
 }
 
-/* Cells of one poison are of one shard; shards take turns in the order of the plan. */
-static bool in_shard(const struct reader *r, const struct cell *c)
+/* Cells of one poison are of one shard. Shards take turns in the order of the plan; poisons, which
+ * take longer, have turns of their own, and clean photos begin at the other end. */
+static bool in_shard(struct reader *r, const struct cell *c)
 {
-    char key[34];
+    char key[33];
     json_t *name = json_pack("[s,s]", c->scene, c->photos);
     make_key(name, key);
-    strcpy(key + 32, strcmp(c->photos, CLEAN) ? "" : "c");
     json_decref(name);
     const json_t *part = json_object_get(r->parts, key);
     if (part)
         return json_integer_value(part) == r->shard;
-    int turn = 0; /* poisons, which take longer, have turns of their own */
-    const char *other;
-    json_t *value;
-    const bool clean = !strcmp(c->photos, CLEAN);
-    json_object_foreach(r->parts, other, value) turn += (other[32] == 'c') == clean;
-    turn = (clean ? r->shards - 1 - turn % r->shards : turn) % r->shards;
+    const int turn = strcmp(c->photos, CLEAN) ? r->poisons++ % r->shards
+                                              : r->shards - 1 - r->cleans++ % r->shards;
     json_object_set_new(r->parts, key, json_integer(turn));
     return turn == r->shard;
 }

@@ -114,6 +114,9 @@ json_t *report_audits_json(const struct report *r);
 /* The share of the clean count that a defense is limited to by {clean*X} in its plan, or 0. */
 double report_limit(const struct report *r, const struct result *x);
 
+/* What its plan says of its scene, or NULL. */
+const json_t *report_scene(const struct report *r, const struct result *x);
+
 bool same_scene(const struct result *a, const struct result *b); /* and plan and model */
 
 /* The group with other photos or another defense, or NULL. */
@@ -144,6 +147,8 @@ enum format { MARKDOWN, HTML };
 
 void put_text(FILE *f, enum format format, const char *text);
 void put_heading(FILE *f, enum format format, int level, const char *text);
+/* Of the second level; names the model of a run unless that is the default. */
+void put_run_heading(FILE *f, enum format format, const char *text, const struct result *x);
 void begin_table(FILE *f, enum format format, const char *const *titles, int n);
 void begin_row(FILE *f, enum format format, const char *name);
 void put_cell(FILE *f, enum format format, const char *text);

@@ -87,9 +87,7 @@ struct side {
 
 static const char *preset_of(const struct report *r, const struct result *x)
 {
-    const char *name = json_string_value(json_object_get(
-        json_object_get(json_object_get(json_object_get(r->plans, x->plan), "scenes"), x->scene),
-        "preset"));
+    const char *name = json_string_value(json_object_get(report_scene(r, x), "preset"));
     return name ? name : "";
 }
 
@@ -159,7 +157,7 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
             photos[n++] = r->groups[i].first->photos;
     if (n < 2)
         return;
-    put_heading(f, format, 2, title);
+    put_run_heading(f, format, title, s->first);
     for (size_t k = 0; k < sizeof(parts) / sizeof(parts[0]); k++) {
         put_heading(f, format, 3,
                     parts[k].metric == M_MAX_GAUSSIANS
@@ -210,9 +208,8 @@ void put_sides(FILE *f, const struct report *r, enum format format)
         const int n = first ? scenes_of(r, &s) : 0;
         if (n < 2)
             continue;
-        snprintf(title, sizeof(title), "%s: means over %d scenes of the preset %s%s%s", x->plan, n,
-                 s.preset, strcmp(x->model, "default") ? ", model " : "",
-                 strcmp(x->model, "default") ? x->model : "");
+        snprintf(title, sizeof(title), "%s: means over %d scenes of the preset %s", x->plan, n,
+                 s.preset);
         put_side(f, r, format, &s, title);
     }
     for (size_t i = 0; i < r->n_groups; i++) {
@@ -223,9 +220,7 @@ void put_sides(FILE *f, const struct report *r, enum format format)
             first = !is_of(r, &s, r->groups[k].first);
         if (!first)
             continue;
-        snprintf(title, sizeof(title), "%s: %s, photos side by side%s%s", x->plan, x->scene,
-                 strcmp(x->model, "default") ? ", model " : "",
-                 strcmp(x->model, "default") ? x->model : "");
+        snprintf(title, sizeof(title), "%s: %s, photos side by side", x->plan, x->scene);
         put_side(f, r, format, &s, title);
     }
 }

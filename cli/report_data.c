@@ -256,6 +256,11 @@ static int take_obstacle(void *arg, int columns, const char *const *v)
     return STATUS_DONE;
 }
 
+const json_t *report_scene(const struct report *r, const struct result *x)
+{
+    return json_object_get(json_object_get(json_object_get(r->plans, x->plan), "scenes"), x->scene);
+}
+
 double report_limit(const struct report *r, const struct result *x)
 {
     const json_t *defense = json_object_get(

@@ -256,9 +256,7 @@ double report_paper_growth(const struct paper_row *p)
 
 const struct paper_row *report_paper_of(const struct report *r, const struct result *x)
 {
-    const json_t *scene =
-        json_object_get(json_object_get(json_object_get(r->plans, x->plan), "scenes"), x->scene);
-    return json_object_get(scene, "synth")
+    return json_object_get(report_scene(r, x), "synth")
                ? NULL
                : report_paper(x->scene, x->photos, x->defense, x->model);
 }

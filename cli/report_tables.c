@@ -27,6 +27,14 @@ void put_heading(FILE *f, enum format format, int level, const char *text)
     fprintf(f, format == HTML ? "</h%d>\n" : "\n\n", level);
 }
 
+void put_run_heading(FILE *f, enum format format, const char *text, const struct result *x)
+{
+    const bool named = strcmp(x->model, "default");
+    char title[512];
+    snprintf(title, sizeof(title), "%s%s%s", text, named ? ", model " : "", named ? x->model : "");
+    put_heading(f, format, 2, title);
+}
+
 void begin_table(FILE *f, enum format format, const char *const *titles, int n)
 {
     fprintf(f, format == HTML ? "<table><thead><tr>" : "|");
@@ -275,10 +283,8 @@ void put_tables(FILE *f, const struct report *r, enum format format)
         char title[256];
         if (!begins_block(r, i))
             continue;
-        snprintf(title, sizeof(title), "%s: %s, photos %s%s%s", x->plan, x->scene, x->photos,
-                 strcmp(x->model, "default") ? ", model " : "",
-                 strcmp(x->model, "default") ? x->model : "");
-        put_heading(f, format, 2, title);
+        snprintf(title, sizeof(title), "%s: %s, photos %s", x->plan, x->scene, x->photos);
+        put_run_heading(f, format, title, x);
         put_defenses(f, r, format, i);
     }
     put_audits(f, r, format);
