@@ -568,12 +568,27 @@ static void test_hostile(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* As many weights as the released networks have. */
+static void test_weights(void **state)
+{
+    (void) state;
+    size_t count[SG_N_COLOUR + 1] = {0};
+    for (size_t i = 0; i < SG_WEIGHTS_PLAIN; i++)
+        count[sg_weight_network(i)]++;
+    assert_int_equal(count[SG_N_OPACITY], 1482);
+    assert_int_equal(count[SG_N_COVARIANCE], 3462);
+    assert_int_equal(count[SG_N_COLOUR], 2142);
+    for (size_t i = SG_WEIGHT_AT(appearance); i < SG_WEIGHTS; i++)
+        count[sg_weight_network(i)]++;
+    assert_int_equal(count[SG_N_COLOUR], 3166);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_cells),  cmocka_unit_test(test_start),
-                                       cmocka_unit_test(test_median), cmocka_unit_test(test_growth),
-                                       cmocka_unit_test(test_drop),   cmocka_unit_test(test_files),
-                                       cmocka_unit_test(test_parts),  cmocka_unit_test(test_comma),
-                                       cmocka_unit_test(test_hostile)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_weights), cmocka_unit_test(test_cells),  cmocka_unit_test(test_start),
+        cmocka_unit_test(test_median),  cmocka_unit_test(test_growth), cmocka_unit_test(test_drop),
+        cmocka_unit_test(test_files),   cmocka_unit_test(test_parts),  cmocka_unit_test(test_comma),
+        cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }
