@@ -86,14 +86,16 @@ function mark(svg, name, attributes, value, title) {
 
 const mean = list => list.reduce((a, b) => a + b, 0) / list.length;
 
-// Bars of the mean over seeds, photos side by side. published: what the paper has of a run, or NaN; an outlined diamond.
-function bars(id, title, key, chosen, published) {
+// Bars of the mean over seeds, photos side by side. published: what the paper has of a run, or nothing; an outlined diamond,
+// which `note` explains.
+function bars(id, title, key, chosen, published, note) {
     const photos = unique(chosen.map(r => r.photos)), shown = defenses.filter(d => chosen.some(r => r.defense === d));
     const cells = shown.flatMap(d => photos.map(p => ({d, p,
         v: chosen.filter(r => r.defense === d && r.photos === p && r[key] !== null).map(r => r[key]),
         paper: chosen.filter(r => r.defense === d && r.photos === p && r.paper).map(published).find(v => v > 0)})));
     const most = Math.max(0, ...cells.filter(c => c.v.length).map(c => mean(c.v)), ...cells.map(c => c.paper || 0));
-    const {svg, py} = plot(id, title, [0, 1], [0, most * 1.05 || 1], false);
+    const caption = title + (cells.some(c => c.paper) ? `; diamonds: the paper's, ${note}` : '');
+    const {svg, py} = plot(id, caption, [0, 1], [0, most * 1.05 || 1], false);
     const group = (width - left - right) / photos.length, bar = group / (shown.length + 1);
     photos.forEach((p, i) => {
         const x = left + group * (i + .5), y = height - bottom + 18;
@@ -101,14 +103,15 @@ function bars(id, title, key, chosen, published) {
             : {x, y, 'text-anchor': 'middle'}, p);
         shown.forEach((d, k) => {
             const {v, paper} = cells.find(c => c.d === d && c.p === p), middle = left + group * i + bar * (k + .95);
-            if (paper) {
+            if (v.length) {
+                const m = mean(v), y = py(m);
+                mark(svg, 'rect', {x: left + group * i + bar * (k + .5), y, width: bar * .9, height: height - bottom - y,
+                    style: `fill: ${colour(d)}`}, m, `${p}, ${d}: ${short(m)} (n = ${v.length})`);
+            }
+            if (paper) { // on top of the bar
                 const e = element(svg, 'path', {class: 'paper', d: `M${middle} ${py(paper) - 6}l6 6l-6 6l-6 -6z`});
                 element(e, 'title', {}, `${p}, ${d}: ${short(paper)} in the paper`);
             }
-            if (!v.length) return;
-            const m = mean(v), y = py(m);
-            mark(svg, 'rect', {x: left + group * i + bar * (k + .5), y, width: bar * .9, height: height - bottom - y,
-                style: `fill: ${colour(d)}`}, m, `${p}, ${d}: ${short(m)} (n = ${v.length})`);
         });
     });
     legend(svg, shown);
@@ -230,12 +233,10 @@ function draw() {
         defense = document.getElementById('defense').value;
     const of = results.filter(r => sceneOf(r) === scene && (!defense || r.defense === defense || r.defense === 'off'));
     const chosen = of.filter(r => !photos || r.photos === photos);
-    const clean = of.filter(r => r.photos === 'clean' && r.defense === 'off' && r.max_gaussians).map(r => r.max_gaussians),
-        diamonds = chosen.some(r => r.paper) ? '; diamonds: the paper\'s, ' : '';
-    bars('gaussians', 'Most Gaussians of a training' + (diamonds && diamonds + 'its ratio times the clean run here'), 'max_gaussians',
-        chosen, r => r.paper.growth * mean(clean));
-    bars('quality', 'PSNR on the test views of the clean scene, dB' + (diamonds && diamonds + 'at full size'), 'psnr', chosen,
-        r => r.paper.psnr);
+    const clean = of.filter(r => r.photos === 'clean' && r.defense === 'off' && r.max_gaussians).map(r => r.max_gaussians);
+    bars('gaussians', 'Most Gaussians of a training', 'max_gaussians', chosen, r => r.paper.growth * mean(clean),
+        'its ratio times the clean run here');
+    bars('quality', 'PSNR on the test views of the clean scene, dB', 'psnr', chosen, r => r.paper.psnr, 'at full size');
     scatter('tradeoff', 'PSNR against Gaussians: circles on clean photos, squares on others', chosen);
     lines('growth', 'Gaussians over the iterations; dashed on clean photos', 1, chosen);
     lines('instances', '(Gaussian, tile) pairs of the view over the iterations: what memory and time follow', 3, chosen);
