@@ -59,6 +59,7 @@ static unsigned methods_of(const struct sg_option *o, bool unbounded, bool *refu
     } rules[] = {
         {"texture", POISON_SPLAT | NOISE | TV_PER_VIEW, true},
         {"victim-tolerance", POISON_SPLAT, true},
+        {"victim-gaussians", POISON_SPLAT, true},
         {"wavelength", DRIFT, true},
         {"inner", POISON_SPLAT | TV_PER_VIEW, false},
         {"step", POISON_SPLAT | TV_PER_VIEW, false},

@@ -414,6 +414,46 @@ static void test_victim_tolerance(void **state)
                  clean[0], clean[1], decoy, grown[0], grown[1]);
 }
 
+/* Positions of the proxy that are still in the decoy. */
+static size_t kept_of(const struct fixture *f, sg_attack *a, size_t *count)
+{
+    struct sg_model *decoy;
+    size_t kept = 0;
+    assert_int_equal(sg_attack_decoy(a, &decoy), SG_OK);
+    *count = decoy->count;
+    for (size_t i = 0; i < f->proxy->count; i++) {
+        bool found = false;
+        for (size_t j = 0; j < decoy->count && !found; j++)
+            found = *sg_model_at(decoy, j, 0) == *sg_model_at(f->proxy, i, 0) &&
+                    *sg_model_at(decoy, j, 1) == *sg_model_at(f->proxy, i, 1) &&
+                    *sg_model_at(decoy, j, 2) == *sg_model_at(f->proxy, i, 2);
+        kept += found;
+    }
+    sg_model_destroy(&decoy);
+    return kept;
+}
+
+/* At the limit of the decoy growth stops, and the Gaussians of the scene stay. At that of a victim
+ * growth goes on, and those of the scene make room. */
+static void test_victim_gaussians(void **state)
+{
+    enum { LIMIT = 160 };
+    struct fixture *f = *state;
+#define DENSE SG_ATTACK_DEFAULTS, .iterations = 200, .densification_interval = 5
+    const struct sg_attack_params p[] = {{DENSE, .max_gaussians = LIMIT},
+                                         {DENSE, .victim_gaussians = LIMIT}};
+    size_t kept[2], count[2];
+    for (int knows = 0; knows < 2; knows++) {
+        sg_attack *a = begin(f, &p[knows]);
+        advance(f, a, 200);
+        kept[knows] = kept_of(f, a, &count[knows]);
+        sg_attack_destroy(&a);
+    }
+    if (!(count[0] <= LIMIT && count[1] <= LIMIT && 4 * kept[1] < 3 * kept[0]))
+        fail_msg("%zu and %zu Gaussians, %zu and %zu of the scene's", count[0], count[1], kept[0],
+                 kept[1]);
+}
+
 /* The same bytes for any number of threads, and saved and restored, with gradients summed over
  * views too. */
 static void test_resume(void **state)
@@ -424,7 +464,8 @@ static void test_resume(void **state)
     const struct sg_attack_params cases[] = {{SHORT, .epsilon = INFINITY},
                                              {SHORT, .epsilon = INFINITY, .update_interval = 5},
                                              {SHORT, .texture = 12},
-                                             {SHORT, .victim_tolerance = 12}};
+                                             {SHORT, .victim_tolerance = 12},
+                                             {SHORT, .victim_gaussians = 160}};
     for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
         const struct sg_attack_params *p = &cases[k];
         sg_ctx *single = make_context(1);
@@ -454,9 +495,10 @@ static void test_resume(void **state)
             assert_memory_equal(poison[0], poison[1], sizeof(poison[0]));
         }
         sg_attack *other;
-        struct sg_attack_params changed[] = {*p, *p, *p};
+        struct sg_attack_params changed[] = {*p, *p, *p, *p};
         changed[0].step = 0.5f;
         changed[2].victim_tolerance = 3;
+        changed[3].victim_gaussians = 170;
         changed[1].texture = 3, changed[1].epsilon = 16 / 255.0f;
         for (size_t i = 0; i < sizeof(changed) / sizeof(changed[0]); i++) {
             assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &changed[i], &other),
@@ -489,19 +531,23 @@ static void test_refusals(void **state)
 {
     struct fixture *f = *state;
     sg_attack *a = (void *) f;
-    const struct sg_attack_params bad[] = {{SHORT, .epsilon = -1},
-                                           {SHORT, .epsilon = NAN},
-                                           {SHORT, .inner = -1},
-                                           {SHORT, .step = NAN},
-                                           {SHORT, .update_interval = 0},
-                                           {SHORT, .iterations = 0},
-                                           {SHORT, .opacity_lr = 2},
-                                           {SHORT, .engine = "nonsense"},
-                                           {SHORT, .tv = 3},
-                                           {SHORT, .wavelength = -1},
-                                           {SHORT, .texture = 256},
-                                           {SHORT, .victim_tolerance = 256},
-                                           {SHORT, .texture = 4, .epsilon = INFINITY}};
+    const struct sg_attack_params bad[] = {
+        {SHORT, .epsilon = -1},
+        {SHORT, .epsilon = NAN},
+        {SHORT, .inner = -1},
+        {SHORT, .step = NAN},
+        {SHORT, .update_interval = 0},
+        {SHORT, .iterations = 0},
+        {SHORT, .opacity_lr = 2},
+        {SHORT, .engine = "nonsense"},
+        {SHORT, .tv = 3},
+        {SHORT, .wavelength = -1},
+        {SHORT, .texture = 256},
+        {SHORT, .victim_tolerance = 256},
+        {SHORT, .victim_gaussians = 3},
+        {SHORT, .victim_gaussians = 160, .max_gaussians = 160},
+        {SHORT, .victim_gaussians = 160, .model = SG_ATTACK_SCAFFOLD},
+        {SHORT, .texture = 4, .epsilon = INFINITY}};
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         assert_int_equal(sg_attack_create(f->ctx, &f->scene, f->proxy, &bad[i], &a), SG_ERR_USAGE);
         assert_null(a);
@@ -530,6 +576,7 @@ int main(void)
         LOOP(test_positions),
         LOOP(test_textured),
         LOOP(test_victim_tolerance),
+        LOOP(test_victim_gaussians),
         LOOP(test_resume),
         LOOP(test_refusals),
     };

@@ -58,6 +58,12 @@ struct sg_attack_params {
      * through it, and the poison lies beyond the decoy's render, as far as the bound allows and at
      * most the tolerance beyond the ascended image. 0..255 grey levels. Default 0. */
     float victim_tolerance;
+    /* Against a victim that trains with this max_gaussians: at the limit new Gaussians of the decoy
+     * take the place of those that the defense's filter scores lowest, as the victim's do
+     * (SG_AT_LIMIT_SCORE). So what the poison shows is what stays in a model of that size. The
+     * proxy should have been trained with the same limit. At least 4, 0 = none; max_gaussians has
+     * to be 0. Default 0. */
+    uint64_t victim_gaussians;
     /* The proxy has to be of this model. Default SG_ATTACK_3DGS. */
     enum sg_attack_model model;
     /* With SG_ATTACK_SCAFFOLD: rates of the decoy are the first ones of each pair, its voxels those

@@ -28,7 +28,10 @@ static struct sg_train_params decoy_params(const struct sg_attack_params *p)
     struct sg_train_params d = sg_train_params_default();
     struct sg_scaffold_params *s = &d.scaffold;
     d.iterations = p->iterations, d.seed = p->seed, d.lambda_dssim = p->lambda_dssim;
-    d.max_gaussians = p->max_gaussians, d.max_instances = p->max_instances;
+    d.max_instances = p->max_instances;
+    d.max_gaussians = p->max_gaussians, d.at_limit = SG_AT_LIMIT_STOP;
+    if (p->victim_gaussians)
+        d.max_gaussians = p->victim_gaussians, d.at_limit = SG_AT_LIMIT_SCORE;
     d.engine = p->engine, d.cpu = p->cpu;
     d.percent_dense = p->percent_dense;
     d.densification_interval = p->densification_interval;
@@ -57,6 +60,11 @@ static int check_scaffold(sg_ctx *ctx, const struct sg_attack_params *p)
                        "scale_floor: found %g with the model scaffold, whose scales networks make, "
                        "expected 0",
                        (double) p->scale_floor);
+    if (p->victim_gaussians)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "victim_gaussians: found %llu with the model scaffold, expected 0: where "
+                       "anchors meet a limit none is replaced, which is what max_gaussians does",
+                       (unsigned long long) p->victim_gaussians);
     if (p->update_interval > 1)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "update_interval: found %d with the model scaffold, expected 1",
@@ -73,6 +81,11 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
         code = sg_fail(ctx, SG_ERR_USAGE,
                        "texture: found %g and an epsilon of %g, expected a finite epsilon",
                        (double) p->texture, (double) p->epsilon);
+    if (!code && p->victim_gaussians && p->max_gaussians)
+        code = sg_fail(ctx, SG_ERR_USAGE,
+                       "max_gaussians: found %llu and victim_gaussians %llu, expected one limit",
+                       (unsigned long long) p->max_gaussians,
+                       (unsigned long long) p->victim_gaussians);
     if (!code && p->model == SG_ATTACK_SCAFFOLD)
         code = check_scaffold(ctx, p);
     return code ? code : sg_engine_check(ctx, p->engine, p->cpu);
@@ -90,6 +103,7 @@ static struct sg_identity identity_of(const struct sg_attack_params *p,
         (double) p->scale_floor,
         (double) p->texture,
         (double) p->victim_tolerance,
+        (double) p->victim_gaussians,
         p->update_interval,
         p->move_positions,
         (double) p->lambda_dssim,

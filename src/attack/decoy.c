@@ -3,6 +3,7 @@
 
 #include "math/constants.h"
 #include "train/densify.h"
+#include "train/filtering.h"
 #include "train/schedule.h"
 #include "train/trainer.h"
 
@@ -19,6 +20,8 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
                       const struct sg_render_params *render, struct sg_train_step *out)
 {
     const struct sg_train_params *p = &t->params;
+    const struct sg_render_params seen = sg_trainer_render(t);
+    const bool stops = p->at_limit == SG_AT_LIMIT_STOP;
     struct sg_densify_result r;
     (void) before, (void) render;
     if (!planned->rests)
@@ -29,6 +32,9 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
                                     .split_scale = (float) ((double) p->percent_dense * t->extent),
                                     .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
                                     .max_gaussians = t->budget.gaussians,
+                                    .score = stops ? NULL : sg_filtering_at_limit,
+                                    .arg = &(struct sg_limit_call){t, &seen, it},
+                                    .replace = SG_REPLACED,
                                     .seed = p->seed,
                                     .stream = (uint64_t) it},
         &r);

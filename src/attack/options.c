@@ -66,6 +66,10 @@ static const struct sg_option attack_options[] = {
           "Against training with --tolerance LEVELS: the decoy learns as such a victim does, and "
           "poisons exceed what it shows, within the bound.",
           ATTACK, EXPERT),
+    COUNT("victim-gaussians", victim_gaussians, 4, 4e9,
+          "Against training with --max-gaussians N: at N the decoy's new Gaussians take the place "
+          "of those that the filter scores lowest, as such a victim's do. 0 = none.",
+          ATTACK, EXPERT, .or_zero = true),
     FLOAT("texture", texture, 0, 255, "LEVELS",
           "Against an audit: where neighbouring values of the clean photo differ by less than "
           "LEVELS on average (within 3 pixels), the bound shrinks in proportion, to 0 in flat "

@@ -91,6 +91,7 @@ static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, c
     t.train.iterations = p->proxy_iterations;
     t.train.seed = p->attack.seed;
     t.train.max_instances = p->attack.max_instances;
+    t.train.max_gaussians = p->attack.victim_gaussians;
     t.train.engine = p->attack.engine;
     t.train.cpu = p->attack.cpu;
     t.train.scaffold = p->attack.scaffold;

@@ -3,10 +3,30 @@
 
 #include <math.h>
 
-#include "defense/filter.h"
+#include "core/rng.h"
 #include "schedule.h"
 
 #define GROWTH_PACE 0.25 /* weight of the newest densification in the smoothed growth */
+
+static int draw_scores(const struct sg_limit_call *c, struct sg_scores *out)
+{
+    const int code = sg_scores_create(c->t->ctx, sg_engine_count(c->t->engine), out);
+    for (size_t i = 0; i < out->count && !code; i++) {
+        out->score[i] =
+            (double) sg_rng_uniform(c->t->params.seed, SG_RNG_REPLACE, (uint64_t) c->it, i);
+        out->log_smallest[i] = 0;
+    }
+    return code;
+}
+
+int sg_filtering_at_limit(void *arg, struct sg_scores *out)
+{
+    const struct sg_limit_call *c = arg;
+    const struct sg_train_params *p = &c->t->params;
+    if (p->at_limit == SG_AT_LIMIT_RANDOM)
+        return draw_scores(c, out);
+    return sg_score(c->t->engine, c->t->scene, &p->defense, c->render, p->seed, c->it, out);
+}
 
 bool sg_filtering_sound(const void *state, int iteration)
 {

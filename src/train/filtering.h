@@ -4,7 +4,20 @@
 #ifndef SG_TRAIN_FILTERING_H
 #define SG_TRAIN_FILTERING_H
 
+#include "defense/filter.h"
 #include "trainer.h"
+
+/* Largest share that is replaced at a densification where a budget binds. */
+#define SG_REPLACED 0.03f
+
+/* Of sg_densify_params: the scores that decide who makes room, as params.at_limit of the trainer
+ * says. arg: this. */
+struct sg_limit_call {
+    sg_trainer *t;
+    const struct sg_render_params *render;
+    int it;
+};
+int sg_filtering_at_limit(void *arg, struct sg_scores *out);
 
 /* A strategy's memory of it: numbers without padding, for checkpoints. */
 struct sg_filtering {

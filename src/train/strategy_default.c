@@ -1,44 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The default strategy: adaptive density control in the order of the released code of Kerbl et al.
  * 2023, and the defense's filter between its growth and its opacity resets. */
-#include "core/rng.h"
-#include "defense/filter.h"
 #include "densify.h"
 #include "filtering.h"
 #include "math/constants.h"
 #include "schedule.h"
 #include "strategy.h"
 #include "trainer.h"
-
-/* Largest share that is replaced at a densification where a budget binds. */
-#define REPLACED 0.03f
-
-struct score_call {
-    sg_trainer *t;
-    const struct sg_render_params *render;
-    int it;
-};
-
-/* Random scores. */
-static int draw_scores(const struct score_call *c, struct sg_scores *out)
-{
-    const int code = sg_scores_create(c->t->ctx, sg_engine_count(c->t->engine), out);
-    for (size_t i = 0; i < out->count && !code; i++) {
-        out->score[i] =
-            (double) sg_rng_uniform(c->t->params.seed, SG_RNG_REPLACE, (uint64_t) c->it, i);
-        out->log_smallest[i] = 0;
-    }
-    return code;
-}
-
-static int score_model(void *arg, struct sg_scores *out)
-{
-    const struct score_call *c = arg;
-    if (c->t->params.at_limit == SG_AT_LIMIT_RANDOM)
-        return draw_scores(c, out);
-    return sg_score(c->t->engine, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed,
-                    c->it, out);
-}
 
 static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                    struct sg_train_step *step)
@@ -60,9 +28,9 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                                                        : 0,
                                     .max_gaussians = t->budget.gaussians,
                                     .overshoot = overshoots,
-                                    .score = stops ? NULL : score_model,
-                                    .arg = &(struct score_call){t, render, it},
-                                    .replace = REPLACED,
+                                    .score = stops ? NULL : sg_filtering_at_limit,
+                                    .arg = &(struct sg_limit_call){t, render, it},
+                                    .replace = SG_REPLACED,
                                     .seed = p->seed,
                                     .stream = (uint64_t) it},
         &r);

@@ -138,6 +138,14 @@ cmp knows-0/train/r_0.png poisoned/train/r_0.png || fail "a tolerance of 0 is no
 grep -q '"linf_max": 16.0' knows-12/poison.json && grep -q '"victim-tolerance": 12.0' knows-12/poison.json ||
     fail "poison.json of an attack on a tolerance"
 [ "$(quality knows-12)" -lt "$(quality knows-0)" ] || fail "--victim-tolerance has no effect"
+# Against a budget: growth goes on within the victim's limit.
+seeds=$(sed -n 's/^element vertex //p' seed/point_cloud/iteration_*/point_cloud.ply)
+for limit in max victim; do
+    expect 0 attack scene/blender -o "fills-$limit" $options --proxy seed --keep-decoy --$limit-gaussians "$seeds"
+    decoy=$(sed -n 's/^element vertex //p' "fills-$limit/attack/decoy.ply")
+    [ "$decoy" -le "$seeds" ] || fail "--$limit-gaussians $seeds: $decoy"
+done
+cmp -s fills-max/train/r_0.png fills-victim/train/r_0.png && fail "--victim-gaussians has no effect"
 # What an earlier set left in the folder is not read instead.
 expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
 expect 0 attack scene/colmap -o png $options --method noise --save png --force
@@ -156,6 +164,10 @@ expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'belongs t
 expect 1 attack scene/blender -o x --wavelength 40
 says '--wavelength has no effect with --method poison-splat; it belongs to --method drift'
 expect 1 attack scene/blender -o x --method noise --victim-tolerance 8; says '--victim-tolerance has no effect'
+expect 0 attack scene/blender -o fills $(once $options --iterations 1) --victim-gaussians 400
+grep -q '"max-gaussians": 400' fills/attack/proxy/config.json || fail "the proxy has no limit: $(grep gaussians fills/attack/proxy/config.json)"
+expect 1 attack scene/blender -o x --victim-gaussians 900 --max-gaussians 800
+says '--max-gaussians: found 800 and victim_gaussians 900, expected one limit'
 expect 1 attack scene/blender -o x --method drift --texture 8; says 'poison-splat or noise or tv-per-view'
 expect 0 attack scene/colmap -o unused --method noise -q --inner 3 --iterations 9 --feature-lr 0.1
 for option in inner iterations feature-lr; do says "warning: --$option has no effect with --method noise"; done
