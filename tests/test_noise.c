@@ -71,6 +71,7 @@ static void tolerances_follow_the_noise(void **state)
         assert_int_equal(s.noise.photos, s.noise.compared);
     }
     assert_true(s.noise.level > 1.1 * EPSILON && s.noise.level < 1.9 * EPSILON); /* raised */
+    assert_true(s.noise.before == 20);
     assert_true(s.noise.kurtosis < 2.5);
     assert_true(s.noise.beyond > 0 && s.noise.beyond < 1);
     for (size_t v = 0; v < VIEWS; v++)
@@ -101,6 +102,7 @@ static void looks_are_repeated(void **state)
             if (!look)
                 continue;
             assert_true(sg_trainer_tolerance(t, 0) == (float) s.noise.level);
+            assert_true(s.noise.before == (least > 0 ? least : 20));
             assert_true(s.noise.level >= least);
             least = s.noise.level;
         }

@@ -268,6 +268,7 @@ struct sg_noise {
      * at the first one the 75th percentile over `photos`, and half of it again as far as that
      * median allows. 0 = never measured. */
     double level;
+    double before;   /* median of `tolerances` of photos that had one, before the look; 0 without */
     double kurtosis; /* median. Below 2.5 for a bounded poison, 3 for normal noise, more for texture
                         that the model lacks. */
     double beyond;   /* share of the absolute differences that exceeds the tolerances, 0..1, over

@@ -169,6 +169,22 @@ static bool is_looked_at(const sg_run *r)
            (p->scene.eval && due(r, p->eval_every));
 }
 
+/* What a look has changed. */
+static void say_tolerance(const sg_run *r)
+{
+    const struct sg_noise *n = &r->step.noise;
+    const double change = n->before > 0 && n->level > 0 ? n->level - n->before : 0;
+    if (fabs(change) >= 0.05)
+        sg_log(r->ctx, SG_LOG_INFO,
+               "iteration %d: tolerance %s from %.1f to %.1f grey levels, as %zu of %zu photos show",
+               r->step.iteration, change > 0 ? "raised" : "lowered", n->before, n->level,
+               n->bounded > n->photos ? n->bounded : n->photos, n->compared);
+    if (n->added)
+        sg_log(r->ctx, SG_LOG_INFO,
+               "iteration %d: %zu more photos show the same bound and get the tolerance",
+               r->step.iteration, n->added);
+}
+
 /* Everything that is due after an iteration; the end has its own. */
 static void after_step(sg_run *r)
 {
@@ -184,8 +200,10 @@ static void after_step(sg_run *r)
         r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
         note_error(r, sg_run_log_filter(r));
     }
-    if (s->noise.compared)
+    if (s->noise.compared) {
+        say_tolerance(r);
         note_error(r, sg_run_log_noise(r));
+    }
     watch_filter(r);
     if (is_logged(r))
         note_error(r, sg_run_log_step(r));

@@ -208,6 +208,7 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
     out->photos = f.levels.count, out->bounded = f.bounds.count;
     out->kurtosis = quantile(&f.kurtosis, 2);
     out->level = level_of(t, &f, given);
+    out->before = t->noise > 0 && t->tolerances ? t->noise : given;
     for (size_t i = 0; t->tolerances && out->level > 0 && i < t->scene->n_train; i++)
         if (t->tolerances[i] > 0)
             t->tolerances[i] = (float) out->level;

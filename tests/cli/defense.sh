@@ -93,6 +93,15 @@ rho() { sed -n 's/.*"rho": \([-0-9.]*\).*/\1/p' "$1/config.json"; }
 awk "BEGIN { exit !($(rho grainy-0) < $(rho grainy-auto) - 0.1) }" ||
     fail "without a tolerance the filter removes $(rho grainy-0), with it $(rho grainy-auto) of growth"
 
+# What a look changes is said. It needs photos with parts that are quiet.
+expect 0 synth -o large --width 128 --height 96 --train-views 4 --test-views 1 --points 300 --samples 1
+expect 0 attack large/blender -o large-noisy --method noise --epsilon 6 -q
+expect 0 train large-noisy -o large-looked ${short% --quiet} --init-points $points --tolerance auto
+look=$(grep '"noise":' large-looked/log.jsonl | head -n 1)
+change=$(printf '%s\n' "$look" | sed 's/.*"level":\([0-9.]*\),"before":\([0-9.]*\).*/\2 \1/' |
+    awk '{ printf "%s from %.1f to %.1f", ($2 > $1 ? "raised" : "lowered"), $1, $2 }')
+says "tolerance $change grey levels"
+
 # Gaussians.
 expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001
 [ "$(field few max_gaussians)" -le 500 ] || fail "more Gaussians than allowed"
