@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The tolerance of the photometric loss, on the oracle and every CPU variant: what lies within it
+/* The tolerance of the photometric loss, on every engine and variant: what lies within it
  * of a photo has no gradient, what lies outside has that of the nearest image within it. */
 #include "models.h"
-#include "variants.h"
 
 #define WIDTH 45
 #define HEIGHT 37
@@ -18,7 +17,18 @@ struct drawn {
     float rgb[VALUES];
 };
 
-static struct drawn *draw_with(int variant, uint64_t seed)
+static struct engine_case cases[ENGINE_CASES];
+static int case_count;
+
+/* A group's setup. */
+static int find_cases(void **state)
+{
+    (void) state;
+    case_count = engine_cases(cases);
+    return 0;
+}
+
+static struct drawn *draw_with(struct engine_case c, uint64_t seed)
 {
     static struct drawn d;
     const struct sg_camera camera = make_camera(WIDTH, HEIGHT, 3);
@@ -26,7 +36,7 @@ static struct drawn *draw_with(int variant, uint64_t seed)
                                             .background = {0.2f, 0.1f, 0.3f}};
     d.ctx = make_context(2);
     struct sg_model *m = make_model(d.ctx, GAUSSIANS, 1, seed);
-    d.engine = make_engine(d.ctx, engine_name(variant), variant_names[variant], m, NULL);
+    d.engine = make_engine(d.ctx, c.engine, c.variant, m, NULL);
     assert_int_equal(sg_engine_draw(d.engine, &camera, 1, &params, false), SG_OK);
     assert_int_equal(sg_engine_read_image(d.engine, d.rgb, NULL, NULL), SG_OK);
     sg_model_destroy(&m);
@@ -84,11 +94,11 @@ static void no_gradient_within(void **state)
     static uint8_t bytes[VALUES], mask[PIXELS], shown[PIXELS];
     for (size_t i = 0; i < PIXELS; i++)
         mask[i] = i % 5 ? 255 : 0;
-    for (int v = 0; v < variant_count; v++)
+    for (int k = 0; k < case_count; k++)
         for (uint64_t seed = 1; seed <= MODELS; seed++)
             for (int form = 0; form < 4; form++) {
                 const float levels = 8.0f * (float) seed, tau = levels / 255;
-                struct drawn *d = draw_with(v, seed);
+                struct drawn *d = draw_with(cases[k], seed);
                 for (size_t i = 0; i < VALUES; i++)
                     photo[i] = d->rgb[i] + tau * poison(form, seed, i);
                 /* Bytes lie up to half a level from the value that they stand for, and show 0 to
@@ -137,9 +147,9 @@ static void l1_at_most_that_of_clean_photos(void **state)
 {
     (void) state;
     static float clean[VALUES], photo[VALUES];
-    for (int v = 0; v < variant_count; v++)
+    for (int k = 0; k < case_count; k++)
         for (uint64_t seed = 1; seed <= MODELS; seed++) {
-            struct drawn *d = draw_with(v, seed);
+            struct drawn *d = draw_with(cases[k], seed);
             for (size_t i = 0; i < VALUES; i++) {
                 clean[i] = draw(seed + 30, i, 0, 1);
                 photo[i] = clean[i] + 16.0f / 255 * poison((int) (seed % 4), seed, i);
@@ -162,8 +172,8 @@ static void target_is_the_nearest_image(void **state)
     static float photo[VALUES], nearest[VALUES];
     static uint8_t outside[PIXELS];
     const float tolerance = sg_loss_tolerance(20);
-    for (int v = 0; v < variant_count; v++) {
-        struct drawn *d = draw_with(v, 7);
+    for (int k = 0; k < case_count; k++) {
+        struct drawn *d = draw_with(cases[k], 7);
         /* The left half is far from the photo, the right half near it. */
         for (size_t i = 0; i < VALUES; i++) {
             const bool far = i % WIDTH < WIDTH / 2;
@@ -197,8 +207,8 @@ static void l1_by_differences(void **state)
     static float photo[VALUES];
     const struct sg_camera camera = make_camera(WIDTH, HEIGHT, 3);
     const float step = 1e-3f;
-    for (int v = 0; v < variant_count; v++) {
-        struct drawn *d = draw_with(v, 11);
+    for (int k = 0; k < case_count; k++) {
+        struct drawn *d = draw_with(cases[k], 11);
         for (size_t i = 0; i < VALUES; i++) {
             const float away = draw(6, i, 0.005f, 0.2f);
             photo[i] = d->rgb[i] + (i % 2 ? away : -away);
@@ -240,5 +250,5 @@ int main(void)
         cmocka_unit_test(target_is_the_nearest_image),
         cmocka_unit_test(l1_by_differences),
     };
-    return cmocka_run_group_tests(tests, find_variants, NULL);
+    return cmocka_run_group_tests(tests, find_cases, NULL);
 }

@@ -1,8 +1,8 @@
 # What runs on a device, for bench/gpu too: programs of CTest, programs for devices alone, and scripts. A row of the list in
 # the build folder has a name, and a program in that folder or a script in the source.
-set(device_suite engine operations views ascend changes gaussians anisotropy scaffold devices render_backward densify)
+set(device_suite engine operations views ascend changes gaussians anisotropy tolerance scaffold devices render_backward densify)
 # With vectors of 128 bits lavapipe ends the loops of `crowded` too early: see docs/hacking.md.
-set(device_programs crowded scaffold_training anchor_removal anchor_readings variants flow device_memory device_parts)
+set(device_programs low_pass crowded scaffold_training anchor_removal anchor_readings variants flow device_memory device_parts)
 # Scripts of the command line with this engine instead of the default, on smaller scenes where they take long. Those that
 # are left out are about command lines, help, completions and pages.
 file(GLOB device_scripts CONFIGURE_DEPENDS tests/cli/*.sh)
