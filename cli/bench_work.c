@@ -460,15 +460,16 @@ static int finish(struct scheduler *s, int index, const char *status)
         status = "failed";
         snprintf(w->out.message, sizeof(w->out.message), "its result cannot be read");
     }
+    const bool done = !strcmp(status, "done");
+    /* Before the result is stored: a job that has one, but not this mark, is done twice. */
+    const int made = done ? open(below(w, MADE), O_WRONLY | O_CREAT | O_CLOEXEC, 0666) : -1;
+    if (made >= 0)
+        close(made);
     w->out.status = status;
     const int code = store_put(s->b->store, j, &w->out);
     if (code)
         return code;
-    w->state = strcmp(status, "done") ? FAILED : DONE;
-    const int made =
-        w->state == DONE ? open(below(w, MADE), O_WRONLY | O_CREAT | O_CLOEXEC, 0666) : -1;
-    if (made >= 0)
-        close(made);
+    w->state = done ? DONE : FAILED;
     s->done += w->state == DONE, s->failed += w->state == FAILED;
     if (w->state == DONE && !s->b->keep) {
         remove(below(w, "run/checkpoint.bin"));
