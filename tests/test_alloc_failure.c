@@ -231,6 +231,7 @@ static int attack(sg_ctx *ctx)
     sg_attack *a = NULL;
     struct sg_attack_params p = sg_attack_params_default();
     p.iterations = 6, p.inner = 2, p.densification_interval = 3, p.spectral_weight = 1;
+    p.victim_gaussians = 50; /* the proxy has as many */
     int code = sg_scene_load(ctx, blender, NULL, &scene);
     if (!code)
         code = sg_model_init_random(ctx, 50, 1.3f, 1, 1, &proxy);

@@ -135,7 +135,7 @@ static int attack(sg_ctx *ctx)
     sg_attack *a = NULL;
     struct sg_attack_params p = sg_attack_params_default();
     p.iterations = 4, p.inner = 2, p.densification_interval = 3, p.spectral_weight = 1;
-    p.victim_tolerance = 2;
+    p.victim_tolerance = 2, p.victim_gaussians = 50;
     int code = sg_scene_load(ctx, colmap, NULL, &scene);
     if (!code)
         code = sg_model_init_random(ctx, 50, 1.3f, 1, 1, &proxy);
@@ -194,7 +194,7 @@ TEST(synth, 1u << SG_STAGE_SYNTH)
 TEST(train,
      1u << SG_STAGE_INIT | 1u << SG_STAGE_TRAIN | 1u << SG_STAGE_COUNT | 1u << SG_STAGE_EVALUATE)
 TEST(train_anchors, 1u << SG_STAGE_TRAIN | 1u << SG_STAGE_COUNT | 1u << SG_STAGE_EVALUATE)
-TEST(attack, 1u << SG_STAGE_ATTACK | 1u << SG_STAGE_ASCEND)
+TEST(attack, 1u << SG_STAGE_ATTACK | 1u << SG_STAGE_ASCEND | 1u << SG_STAGE_COUNT)
 
 /* A training and an attack that were cancelled between iterations continue to the same bytes. */
 static void test_goes_on(void **state)

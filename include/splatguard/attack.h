@@ -69,8 +69,8 @@ struct sg_attack_params {
     /* With SG_ATTACK_SCAFFOLD: rates of the decoy are the first ones of each pair, its voxels those
      * of the proxy, whose networks have the optional parts named here. Its offsets learn, since all
      * Gaussians of a new anchor begin in one place. Anchors do not move, have no least scale, and
-     * learn from one view at a time: move_positions and scale_floor have to be 0, update_interval
-     * 1. The rates above and percent_dense have no effect. */
+     * learn from one view at a time: move_positions, scale_floor and victim_gaussians have to be 0,
+     * update_interval 1. The rates above and percent_dense have no effect. */
     struct sg_scaffold_params scaffold;
     uint64_t seed;          /* Default 42. */
     uint64_t max_gaussians; /* of the decoy; 0 = no limit, else at least 4. An anchor counts as its
@@ -131,7 +131,8 @@ SG_API int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const cha
 SG_API void sg_attack_destroy(sg_attack **attack);
 
 /* Runs one iteration. step may be NULL. Errors: those of sg_trainer_step. After a
- * cancelled step the attack is as before the call. */
+ * cancelled step the attack is as before the call, but one that is cancelled in SG_STAGE_COUNT is
+ * completed first. */
 SG_API int sg_attack_step(sg_attack *attack, struct sg_attack_step *step);
 SG_API int sg_attack_iteration(const sg_attack *attack);
 

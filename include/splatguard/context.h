@@ -40,8 +40,8 @@ enum sg_stage {
     SG_STAGE_SYNTH,    /* sg_synth_write: pictures, then groups of points */
     SG_STAGE_INIT,   /* sg_model_init_points and a new trainer, also of anchors: groups of points */
     SG_STAGE_TRAIN,  /* sg_trainer_step: iterations; `done` is the number before this one */
-    SG_STAGE_COUNT,  /* within an iteration of training, and in sg_prune and sg_prune_scores: views
-                        that are looked at */
+    SG_STAGE_COUNT,  /* within an iteration of training or of an attack, and in sg_prune and
+                        sg_prune_scores: views that are looked at */
     SG_STAGE_ATTACK, /* sg_attack_step: iterations; `done` is the number before this one */
     SG_STAGE_ASCEND, /* sg_attack_step, _poison and _naive: steps of the inner ascent */
     SG_STAGES

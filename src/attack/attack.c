@@ -13,6 +13,7 @@
 #include "image/total_variation.h"
 #include "option/option.h"
 #include "scene/photo.h"
+#include "splatguard/defense.h"
 #include "splatguard/eval.h"
 
 #define POSITION_LR 1.6e-4
@@ -22,16 +23,18 @@ struct sg_attack_params sg_attack_params_default(void)
     return (struct sg_attack_params){SG_ATTACK_DEFAULTS};
 }
 
-/* Rates do not fall. */
-static struct sg_train_params decoy_params(const struct sg_attack_params *p)
+/* Rates do not fall. extent: of the scene. */
+static struct sg_train_params decoy_params(const struct sg_attack_params *p, double extent)
 {
     struct sg_train_params d = sg_train_params_default();
     struct sg_scaffold_params *s = &d.scaffold;
     d.iterations = p->iterations, d.seed = p->seed, d.lambda_dssim = p->lambda_dssim;
     d.max_instances = p->max_instances;
     d.max_gaussians = p->max_gaussians, d.at_limit = SG_AT_LIMIT_STOP;
-    if (p->victim_gaussians)
+    if (p->victim_gaussians) { /* scored as preset auto does */
         d.max_gaussians = p->victim_gaussians, d.at_limit = SG_AT_LIMIT_SCORE;
+        d.defense.frequency = sg_round_digits(sg_defense_frequency(extent));
+    }
     d.engine = p->engine, d.cpu = p->cpu;
     d.percent_dense = p->percent_dense;
     d.densification_interval = p->densification_interval;
@@ -69,7 +72,7 @@ static int check_scaffold(sg_ctx *ctx, const struct sg_attack_params *p)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "update_interval: found %d with the model scaffold, expected 1",
                        p->update_interval);
-    const struct sg_train_params decoy = decoy_params(p);
+    const struct sg_train_params decoy = decoy_params(p, 1);
     return sg_train_check(ctx, &decoy);
 }
 
@@ -159,7 +162,7 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
         return SG_ERR_BUDGET;
     a->params = p;
     a->ctx = ctx;
-    const struct sg_train_params decoy = decoy_params(&p);
+    const struct sg_train_params decoy = decoy_params(&p, scene->extent);
     const struct sg_identity identity = identity_of(&p, &decoy);
     start.identity = &identity;
     start.sums = p.update_interval > 1;
@@ -340,26 +343,12 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     return code || !out ? code : sg_attack_values(a, out);
 }
 
-int sg_attack_advance(sg_attack *a, struct sg_attack_step *out)
+/* The decoy learns its target of iteration `it`. */
+static int learn(sg_attack *a, int it)
 {
     const struct sg_attack_params *p = &a->params;
     sg_trainer *t = a->trainer;
-    sg_clear_error(t->ctx);
-    const int it = t->iteration + 1;
-    struct sg_attack_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
-    const struct sg_camera *camera = &t->scene->train[step.view].camera;
-    int code =
-        sg_progress(t->ctx, SG_STAGE_ATTACK, (uint64_t) t->iteration, (uint64_t) p->iterations);
-    if (code)
-        return code;
-    a->on_device =
-        sg_engine_ascends_views(t->engine) && t->photos[step.view] && !a->bound && p->inner > 0;
-    code = (a->on_device ? draw_and_ascend : render_and_ascend)(a, step.view, &step);
-    if (code)
-        return code;
-    step.inner_bytes = (uint64_t) p->inner * (uint64_t) camera->width * (uint64_t) camera->height *
-                       3 * 3 * sizeof(float);
-
+    int code;
     const struct sg_target target = {.planes = a->on_device ? NULL : a->image,
                                      .ascended = a->on_device};
     const struct sg_loss loss = {
@@ -392,9 +381,34 @@ int sg_attack_advance(sg_attack *a, struct sg_attack_step *out)
     if (p->scale_floor > 0 && (plan.rests || it == p->iterations) &&
         (code = sg_engine_floor_scale(t->engine, p->scale_floor)))
         return code;
-
     t->iteration = it;
     t->steps++;
+    return SG_OK;
+}
+
+int sg_attack_advance(sg_attack *a, struct sg_attack_step *out)
+{
+    const struct sg_attack_params *p = &a->params;
+    sg_trainer *t = a->trainer;
+    sg_clear_error(t->ctx);
+    const uint64_t done = (uint64_t) t->iteration, all = (uint64_t) p->iterations;
+    const int it = t->iteration + 1;
+    struct sg_attack_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
+    const struct sg_camera *camera = &t->scene->train[step.view].camera;
+    int code = sg_progress(t->ctx, SG_STAGE_ATTACK, done, all);
+    if (code)
+        return code;
+    a->on_device =
+        sg_engine_ascends_views(t->engine) && t->photos[step.view] && !a->bound && p->inner > 0;
+    code = (a->on_device ? draw_and_ascend : render_and_ascend)(a, step.view, &step);
+    if (code)
+        return code;
+    step.inner_bytes = (uint64_t) p->inner * (uint64_t) camera->width * (uint64_t) camera->height *
+                       3 * 3 * sizeof(float);
+    sg_progress_hold(t->ctx); /* nobody can go on from half an iteration */
+    code = learn(a, it);
+    if ((code = sg_progress_release(t->ctx, code, SG_STAGE_ATTACK, done, all)))
+        return code;
     step.gaussians = sg_trainer_gaussians(t);
     if (!out)
         return SG_OK;

@@ -68,7 +68,8 @@ static const struct sg_option attack_options[] = {
           ATTACK, EXPERT),
     COUNT("victim-gaussians", victim_gaussians, 4, 4e9,
           "Against training with --max-gaussians N: at N the decoy's new Gaussians take the place "
-          "of those that the filter scores lowest, as such a victim's do. 0 = none.",
+          "of those that the filter scores lowest, as such a victim's do. 0 = none. Not with "
+          "--max-gaussians or --model scaffold.",
           ATTACK, EXPERT, .or_zero = true),
     FLOAT("texture", texture, 0, 255, "LEVELS",
           "Against an audit: where neighbouring values of the clean photo differ by less than "

@@ -145,6 +145,7 @@ for limit in max victim; do
     decoy=$(sed -n 's/^element vertex //p' "fills-$limit/attack/decoy.ply")
     [ "$decoy" -le "$seeds" ] || fail "--$limit-gaussians $seeds: $decoy"
 done
+[ -s fills-max/train/r_0.png ] && [ -s fills-victim/train/r_0.png ] || fail "no photos"
 cmp -s fills-max/train/r_0.png fills-victim/train/r_0.png && fail "--victim-gaussians has no effect"
 # What an earlier set left in the folder is not read instead.
 expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
