@@ -72,6 +72,7 @@ static void tolerances_follow_the_noise(void **state)
     }
     assert_true(s.noise.level > 1.1 * EPSILON && s.noise.level < 1.9 * EPSILON); /* raised */
     assert_true(s.noise.before == 20);
+    assert_int_equal(s.noise.deciding, s.noise.photos);
     assert_true(s.noise.kurtosis < 2.5);
     assert_true(s.noise.beyond > 0 && s.noise.beyond < 1);
     for (size_t v = 0; v < VIEWS; v++)

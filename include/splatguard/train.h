@@ -268,7 +268,10 @@ struct sg_noise {
      * at the first one the 75th percentile over `photos`, and half of it again as far as that
      * median allows. 0 = never measured. */
     double level;
-    double before;   /* median of `tolerances` of photos that had one, before the look; 0 without */
+    /* Where photos have `tolerances` of their own: the level until now, at the first look the
+     * median of those above 0. Else 0. */
+    double before;
+    size_t deciding; /* photos that decided the level: those that show a bound, or noise */
     double kurtosis; /* median. Below 2.5 for a bounded poison, 3 for normal noise, more for texture
                         that the model lacks. */
     double beyond;   /* share of the absolute differences that exceeds the tolerances, 0..1, over

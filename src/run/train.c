@@ -173,13 +173,13 @@ static bool is_looked_at(const sg_run *r)
 static void say_tolerance(const sg_run *r)
 {
     const struct sg_noise *n = &r->step.noise;
-    const double change = n->before > 0 && n->level > 0 ? n->level - n->before : 0;
-    if (fabs(change) >= 0.05)
+    const double before = round(10 * n->before), level = round(10 * n->level); /* as is printed */
+    if (before > 0 && level > 0 && level != before)
         sg_log(
             r->ctx, SG_LOG_INFO,
             "iteration %d: tolerance %s from %.1f to %.1f grey levels, as %zu of %zu photos show",
-            r->step.iteration, change > 0 ? "raised" : "lowered", n->before, n->level,
-            n->bounded > n->photos ? n->bounded : n->photos, n->compared);
+            r->step.iteration, level > before ? "raised" : "lowered", before / 10, level / 10,
+            n->deciding, n->compared);
     if (n->added)
         sg_log(r->ctx, SG_LOG_INFO,
                "iteration %d: %zu more photos show the same bound and get the tolerance",

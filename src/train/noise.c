@@ -209,6 +209,7 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
     out->kurtosis = quantile(&f.kurtosis, 2);
     out->level = level_of(t, &f, given);
     out->before = t->noise > 0 && t->tolerances ? t->noise : given;
+    out->deciding = shows_bound(&f) ? f.bounds.count : f.levels.count;
     for (size_t i = 0; t->tolerances && out->level > 0 && i < t->scene->n_train; i++)
         if (t->tolerances[i] > 0)
             t->tolerances[i] = (float) out->level;

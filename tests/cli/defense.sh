@@ -100,7 +100,8 @@ expect 0 train large-noisy -o large-looked ${short% --quiet} --init-points $poin
 look=$(grep '"noise":' large-looked/log.jsonl | head -n 1)
 change=$(printf '%s\n' "$look" | sed 's/.*"level":\([0-9.]*\),"before":\([0-9.]*\).*/\2 \1/' |
     awk '{ printf "%s from %.1f to %.1f", ($2 > $1 ? "raised" : "lowered"), $1, $2 }')
-says "tolerance $change grey levels"
+photos=$(printf '%s\n' "$look" | sed 's/.*"compared":\([0-9]*\),"photos":\([0-9]*\).*/\2 of \1/')
+says "tolerance $change grey levels, as $photos photos show"
 
 # Gaussians.
 expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001
