@@ -57,7 +57,7 @@ for run in half.db.work/*/run; do
 done
 [ "$(ask half.db "select count(*) from job where status='done'")" -eq 8 ] && [ "$psnr" = "$(ask half.db "select value from metric join cell using(key) where defense='off' and photos='clean' and name='eval.psnr'")" ] || fail "other results"
 
-# Killed at any time: nothing is lost, nothing is done twice. SG_TEST_KILLS says how often, at random moments.
+# Killed at any time: nothing is lost, nothing is done twice. SG_TEST_KILLS says how often, SG_TEST_SEED at which moments.
 results="select key, name, value from metric where name in ('eval.psnr', 'eval.ssim', 'final_gaussians') order by 1, 2"
 kills=${SG_TEST_KILLS-5} killed=0 whole=0 tried=0
 while [ $killed -lt "$kills" ]; do
@@ -66,16 +66,20 @@ while [ $killed -lt "$kills" ]; do
         "$tool" bench plan.json -o "killed-$whole.db" -q 2>/dev/null &
         pid=$!
         tried=$((tried + 1))
-        sleep "$(awk -v seed=$tried 'BEGIN { srand(seed); print 0.02 + 0.8 * rand() }')"
+        sleep "$(awk -v seed=$((${SG_TEST_SEED-0} + tried)) 'BEGIN { srand(seed); print 0.02 + 0.8 * rand() }')"
         kill -KILL $pid 2>/dev/null
         wait $pid 2>/dev/null
-        [ $? = 137 ] || break # it has finished before
+        case $? in
+        0) break ;; # it has finished before
+        137) ;;
+        *) fail "a bench after $killed kills failed" ;;
+        esac
         killed=$((killed + 1))
-        ask "killed-$whole.db" 'select key, started from job' >>seen 2>/dev/null
+        ask "killed-$whole.db" 'select key, started, seconds from job' >>seen 2>/dev/null
         sleep 0.3 # its processes save and end
     done
     expect 0 bench plan.json -o "killed-$whole.db" -q
-    ask "killed-$whole.db" 'select key, started from job' >end
+    ask "killed-$whole.db" 'select key, started, seconds from job' >end
     while read -r row; do grep -qF "$row" end || fail "a job ran twice: $row"; done <seen
     [ "$(ask "killed-$whole.db" "$results")" = "$(ask once.db "$results")" ] || fail "a stopped plan has other results"
     whole=$((whole + 1))
