@@ -4,8 +4,8 @@
 
     bench/opencv.py COMMIT MACHINE SCENE... > bench/results/smooth-opencv.tsv
 
-A SCENE is a folder with photos below it. Its photos are first saved as PNG, so that both filters
-get the same values. Needs Debian's python3-opencv."""
+A SCENE is a scene of any layout. Its photos are first saved as PNG, so that both filters get the same
+values; at most 20 of them are compared. Needs Debian's python3-opencv."""
 import glob
 import os
 import subprocess
@@ -24,19 +24,22 @@ FILTERS = {
 
 
 def run(*words):
-    subprocess.run([TOOL, *words], check=True, stderr=subprocess.DEVNULL)
+    if subprocess.run([TOOL, *words, "-q"]).returncode:
+        sys.exit(f"{TOOL} {words[0]} failed")
 
 
 def photos(folder):
-    """Of Blender and COLMAP layouts, by their path below the folder; test images have alpha."""
-    names = glob.glob("images/*.png", root_dir=folder) or glob.glob("train/*.png", root_dir=folder)
-    names.sort()
-    return names[:: max(1, len(names) // PHOTOS)]
+    """Paths below the folder, evenly spaced."""
+    names = sorted(glob.glob("images/**/*.png", root_dir=folder, recursive=True)
+                   or glob.glob("train/*.png", root_dir=folder))
+    if not names:
+        sys.exit(f"{folder}: found no photos")
+    return [names[i * len(names) // PHOTOS] for i in range(PHOTOS)] if len(names) > PHOTOS else names
 
 
 def compare(png, name, function, work):
     smooth = os.path.join(work, name)
-    run("smooth", png, "-o", smooth, "--smooth", name, "--save", "png", "-q")
+    run("smooth", png, "-o", smooth, "--smooth", name, "--save", "png")
     off = numpy.zeros(256, int)
     names = photos(png)
     for path in names:
@@ -49,15 +52,15 @@ def compare(png, name, function, work):
 def main():
     commit, machine, *scenes = sys.argv[1:]
     print("scene", "filter", "photos", "equal, %", "within one grey level, %", "largest difference",
-          "commit", "machine", sep="\t")
+          "OpenCV", "commit", "machine", sep="\t")
     for scene in scenes:
         with tempfile.TemporaryDirectory() as work:
             png = os.path.join(work, "png")
-            run("attack", scene, "-o", png, "--method", "noise", "--epsilon", "0", "--save", "png", "-q")
+            run("attack", scene, "-o", png, "--method", "noise", "--epsilon", "0", "--save", "png")
             for name, function in FILTERS.items():
                 count, off = compare(png, name, function, work)
                 print(os.path.basename(scene.rstrip("/")), name, count, f"{100 * off[0] / off.sum():.3f}",
-                      f"{100 * off[:2].sum() / off.sum():.4f}", numpy.flatnonzero(off).max(), commit,
+                      f"{100 * off[:2].sum() / off.sum():.4f}", numpy.flatnonzero(off).max(), cv2.__version__, commit,
                       machine, sep="\t", flush=True)
 
 
