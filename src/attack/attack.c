@@ -407,17 +407,15 @@ int sg_attack_advance(sg_attack *a, struct sg_attack_step *out)
                        3 * 3 * sizeof(float);
     sg_progress_hold(t->ctx); /* nobody can go on from half an iteration */
     code = learn(a, it);
-    if ((code = sg_progress_release(t->ctx, code, SG_STAGE_ATTACK, done, all)))
-        return code;
     step.gaussians = sg_trainer_gaussians(t);
-    if (!out)
-        return SG_OK;
-    struct sg_step result;
-    if ((code = sg_engine_read_arrived(t->engine, false, &result)))
-        return code;
-    take_values(a, &result, &step);
-    *out = step;
-    return SG_OK;
+    if (!code && out) {
+        struct sg_step result;
+        code = sg_engine_read_arrived(t->engine, false, &result);
+        if (!code)
+            take_values(a, &result, &step);
+        *out = step;
+    }
+    return sg_progress_release(t->ctx, code, SG_STAGE_ATTACK, done, all);
 }
 
 int sg_attack_iteration(const sg_attack *a)
