@@ -277,6 +277,15 @@ static size_t advance(struct fixture *f, sg_attack *a, int steps)
 
 #define SHORT SG_ATTACK_DEFAULTS, .iterations = 200, .densification_interval = 20
 
+/* Of attacks that count hits: the memory sanitizer does not follow the masked loads of AVX-512. */
+#define COUNTS .cpu = NULL
+#ifdef __has_feature
+#if __has_feature(memory_sanitizer)
+#undef COUNTS
+#define COUNTS .cpu = "avx2"
+#endif
+#endif
+
 #ifdef __SANITIZE_THREAD__ /* one takes half a minute, and the threads of each are the same */
 #define FIRST_FORM SG_ATTACK_TV_ISO
 #else
@@ -441,7 +450,7 @@ static void test_victim_gaussians(void **state)
     struct fixture *f = *state;
 #define DENSE SG_ATTACK_DEFAULTS, .iterations = 200, .densification_interval = 5
     const struct sg_attack_params p[] = {{DENSE, .max_gaussians = LIMIT},
-                                         {DENSE, .victim_gaussians = LIMIT}};
+                                         {DENSE, COUNTS, .victim_gaussians = LIMIT}};
     size_t kept[2], count[2];
     for (int knows = 0; knows < 2; knows++) {
         sg_attack *a = begin(f, &p[knows]);
@@ -466,7 +475,7 @@ static void test_resume(void **state)
                                              {SHORT, .epsilon = INFINITY, .update_interval = 5},
                                              {SHORT, .texture = 12},
                                              {SHORT, .victim_tolerance = 12},
-                                             {SHORT, .victim_gaussians = 160}};
+                                             {SHORT, COUNTS, .victim_gaussians = 160}};
     for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
         const struct sg_attack_params *p = &cases[k];
         sg_ctx *single = make_context(1);
