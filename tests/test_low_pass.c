@@ -5,6 +5,8 @@
 
 #include <unistd.h>
 
+#include "engine_cases.h"
+
 #define WIDTH 45
 #define HEIGHT 37
 #define PIXELS ((size_t) WIDTH * HEIGHT)
@@ -13,17 +15,6 @@
 #define RADIUS 5
 #define STEP 1e-3f
 #define TOLERANCE 0.1f
-
-static struct engine_case engines[ENGINE_CASES]; /* the oracle is the last */
-static int engine_count;
-
-/* A group's setup. */
-static int find_engines(void **state)
-{
-    (void) state;
-    engine_count = engine_cases(engines);
-    return 0;
-}
 
 static const struct sg_render_params black = {.max_instances = 1 << 20};
 
@@ -87,21 +78,21 @@ static void matches_its_definition(void **state)
     static float planes[VALUES], rgb[VALUES];
     static uint8_t bytes[VALUES], mask[PIXELS];
     make_targets(planes, bytes, mask);
-    const struct loss_case cases[] = {{.planes = planes, .tolerance = TOLERANCE},
-                                      {.planes = planes, .mask = mask, .tolerance = TOLERANCE},
-                                      {.target = bytes, .mask = mask},
-                                      {.target = bytes, .tolerance = TOLERANCE}};
-    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+    const struct loss_case losses[] = {{.planes = planes, .tolerance = TOLERANCE},
+                                       {.planes = planes, .mask = mask, .tolerance = TOLERANCE},
+                                       {.target = bytes, .mask = mask},
+                                       {.target = bytes, .tolerance = TOLERANCE}};
+    for (size_t k = 0; k < sizeof(losses) / sizeof(losses[0]); k++) {
         static float oracle[GAUSSIANS][3]; /* gradients of the colours */
-        for (int v = engine_count - 1; v >= 0; v--) {
+        for (int v = case_count - 1; v >= 0; v--) {
             sg_ctx *ctx = make_context(3);
-            struct sg_engine *e = draw_with(ctx, engines[v], 0, 0);
-            struct loss_case with = cases[k];
+            struct sg_engine *e = draw_with(ctx, cases[v], 0, 0);
+            struct loss_case with = losses[k];
             struct sg_model *g;
             with.low_pass = 40;
             assert_int_equal(sg_engine_read_image(e, rgb, NULL, NULL), SG_OK);
-            const double without = lose(e, &cases[k]).total, total = lose(e, &with).total;
-            const double expected = define(rgb, &cases[k]);
+            const double without = lose(e, &losses[k]).total, total = lose(e, &with).total;
+            const double expected = define(rgb, &losses[k]);
             assert_true(expected > 1e-3);
             assert_true(fabs(total - without - 40 * expected) < 1e-4 * 40 * expected);
             assert_int_equal(sg_engine_raster_backward(e), SG_OK);
@@ -112,7 +103,7 @@ static void matches_its_definition(void **state)
             for (size_t i = 0; i < GAUSSIANS; i++)
                 for (int c = 0; c < 3; c++) {
                     const float found = *sg_model_at(g, i, SG_P_SH + c);
-                    if (v == engine_count - 1) /* the oracle's own */
+                    if (v == case_count - 1) /* the oracle's own */
                         oracle[i][c] = found;
                     largest = fmaxf(largest, fabsf(oracle[i][c]));
                     off = fmaxf(off, fabsf(oracle[i][c] - found));
@@ -130,9 +121,9 @@ static void gradient_by_differences(void **state)
 {
     (void) state;
     static float planes[VALUES], rgb[VALUES];
-    for (int v = 0; v < engine_count; v++) {
+    for (int v = 0; v < case_count; v++) {
         sg_ctx *ctx = make_context(2);
-        struct sg_engine *e = draw_with(ctx, engines[v], 0, 0);
+        struct sg_engine *e = draw_with(ctx, cases[v], 0, 0);
         struct sg_model *g;
         assert_int_equal(sg_engine_read_image(e, rgb, NULL, NULL), SG_OK);
         for (size_t i = 0; i < VALUES; i++) {
@@ -152,14 +143,14 @@ static void gradient_by_differences(void **state)
             for (size_t i = 0; i < GAUSSIANS; i++)
                 expected += (double) *sg_model_at(g, i, SG_P_SH + ch);
             for (int side = 0; side < 2; side++) {
-                e = draw_with(ctx, engines[v], ch, side ? STEP : -STEP);
+                e = draw_with(ctx, cases[v], ch, side ? STEP : -STEP);
                 loss[side] = lose(e, &c).total;
                 sg_engine_destroy(&e);
             }
             const double found = (loss[1] - loss[0]) / (2 * (double) STEP);
             assert_true(fabs(expected) > 1e-3);
             if (fabs(found - expected) > 3e-3 * fabs(expected) + 2e-5)
-                fail_msg("%s, channel %d: %g, expected %g", case_name(engines[v]), ch, expected,
+                fail_msg("%s, channel %d: %g, expected %g", case_name(cases[v]), ch, expected,
                          found);
         }
         sg_model_destroy(&g);
@@ -298,5 +289,5 @@ int main(void)
         cmocka_unit_test(nothing_changes_without_a_tolerance),
         cmocka_unit_test(renders_come_nearer_to_the_clean_photos),
     };
-    return cmocka_run_group_tests(tests, find_engines, NULL);
+    return cmocka_run_group_tests(tests, find_cases, NULL);
 }

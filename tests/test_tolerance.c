@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The tolerance of the photometric loss, on every engine and variant: what lies within it
  * of a photo has no gradient, what lies outside has that of the nearest image within it. */
-#include "models.h"
+#include "engine_cases.h"
 
 #define WIDTH 45
 #define HEIGHT 37
@@ -16,17 +16,6 @@ struct drawn {
     struct sg_engine *engine;
     float rgb[VALUES];
 };
-
-static struct engine_case cases[ENGINE_CASES];
-static int case_count;
-
-/* A group's setup. */
-static int find_cases(void **state)
-{
-    (void) state;
-    case_count = engine_cases(cases);
-    return 0;
-}
 
 static struct drawn *draw_with(struct engine_case c, uint64_t seed)
 {

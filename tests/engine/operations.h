@@ -5,6 +5,7 @@
 #define TESTS_ENGINE_OPERATIONS_H
 
 #include "edges.h"
+#include "engine_cases.h"
 #include "parity.h"
 
 #define W 52
@@ -12,16 +13,6 @@
 #define PIXELS ((size_t) W * H)
 #define GAUSSIANS 150
 #define DEGREE 2
-
-static struct engine_case cases[ENGINE_CASES];
-static int case_count;
-
-static inline int find_cases(void **state)
-{
-    (void) state;
-    case_count = engine_cases(cases);
-    return 0;
-}
 
 static inline struct sg_engine *begin(sg_ctx *ctx, int k, const struct sg_model *m,
                                       const struct sg_columns *o)

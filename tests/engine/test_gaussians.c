@@ -1,17 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Few Gaussians on every engine and variant: Adam against its formula, hostile parameters one by
  * one against the oracle, limits of opacity and colour, and the empty model. */
-#include "models.h"
-
-static struct engine_case cases[ENGINE_CASES];
-static int case_count;
-
-static int find_cases(void **state)
-{
-    (void) state;
-    case_count = engine_cases(cases);
-    return 0;
-}
+#include "engine_cases.h"
 
 static const char *name_of(int v)
 {
