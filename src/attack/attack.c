@@ -343,8 +343,8 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     return code || !out ? code : sg_attack_values(a, out);
 }
 
-/* The decoy learns its target of iteration `it`. */
-static int learn(sg_attack *a, int it)
+/* The decoy learns its target of the view, in iteration `it`. */
+static int learn(sg_attack *a, size_t view, int it)
 {
     const struct sg_attack_params *p = &a->params;
     sg_trainer *t = a->trainer;
@@ -363,6 +363,7 @@ static int learn(sg_attack *a, int it)
     const bool moves = !plan.rests && it % p->update_interval == 0;
     const struct sg_update update = {.statistics = plan.statistics,
                                      .accumulate = p->update_interval > 1};
+    const struct sg_render_params render = params_of(a, view);
     struct sg_train_step edits = {0};
     double lr[SG_GROUPS] = {
         [SG_G_XYZ] = p->move_positions ? POSITION_LR * t->extent : 0,
@@ -375,7 +376,7 @@ static int learn(sg_attack *a, int it)
     if (t->strategy->rates)
         t->strategy->rates(t, t->iteration, it, lr);
     if ((code = sg_trainer_update(t, moves ? lr : NULL, false, update)) ||
-        (code = t->strategy->after_step(t, &plan, t->iteration, it, NULL, &edits)))
+        (code = t->strategy->after_step(t, &plan, t->iteration, it, &render, &edits)))
         return code;
     /* As often as the decoy grows. In between, learning shrinks a scale only a little. */
     if (p->scale_floor > 0 && (plan.rests || it == p->iterations) &&
@@ -406,7 +407,7 @@ int sg_attack_advance(sg_attack *a, struct sg_attack_step *out)
     step.inner_bytes = (uint64_t) p->inner * (uint64_t) camera->width * (uint64_t) camera->height *
                        3 * 3 * sizeof(float);
     sg_progress_hold(t->ctx); /* nobody can go on from half an iteration */
-    code = learn(a, it);
+    code = learn(a, step.view, it);
     step.gaussians = sg_trainer_gaussians(t);
     if (!code && out) {
         struct sg_step result;

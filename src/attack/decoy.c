@@ -20,10 +20,9 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
                       const struct sg_render_params *render, struct sg_train_step *out)
 {
     const struct sg_train_params *p = &t->params;
-    const struct sg_render_params seen = sg_trainer_render(t);
     const bool stops = p->at_limit == SG_AT_LIMIT_STOP;
     struct sg_densify_result r;
-    (void) before, (void) render;
+    (void) before;
     if (!planned->rests)
         return SG_OK;
     const int code = sg_densify(
@@ -33,7 +32,7 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
                                     .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
                                     .max_gaussians = t->budget.gaussians,
                                     .score = stops ? NULL : sg_filtering_at_limit,
-                                    .arg = &(struct sg_limit_call){t, &seen, it},
+                                    .arg = &(struct sg_limit_call){t, render, it},
                                     .replace = SG_REPLACED,
                                     .seed = p->seed,
                                     .stream = (uint64_t) it},
