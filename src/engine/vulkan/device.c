@@ -7,8 +7,6 @@
 
 static struct {
     pthread_mutex_t lock;
-    struct vk_functions vk; /* with the instance of all devices */
-    unsigned users;         /* of it */
     struct gpu_device *first;
 } shared = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
@@ -184,7 +182,8 @@ static VkResult open_device(struct gpu_device *d)
 
 /* The open device that this is, or a new one. Contexts come and go while others use the device: its
  * few kilobytes belong to none of their ledgers. */
-static int find_device(sg_ctx *ctx, const struct vk_device_choice *chosen, struct gpu_device **out)
+static int find_device(sg_ctx *ctx, const struct vk_functions *vk,
+                       const struct vk_device_choice *chosen, struct gpu_device **out)
 {
     for (*out = shared.first; *out; *out = (*out)->next)
         if ((*out)->chosen.physical == chosen->physical && !(*out)->lost)
@@ -192,7 +191,7 @@ static int find_device(sg_ctx *ctx, const struct vk_device_choice *chosen, struc
     struct gpu_device *d = calloc(1, sizeof(*d));
     if (!d)
         return sg_vk_fail(ctx, chosen, VK_ERROR_OUT_OF_HOST_MEMORY, "opening the device");
-    d->vk = shared.vk;
+    d->vk = *vk;
     d->chosen = *chosen;
     pthread_mutex_init(&d->lock, NULL);
     const VkResult result = open_device(d);
@@ -205,28 +204,19 @@ static int find_device(sg_ctx *ctx, const struct vk_device_choice *chosen, struc
     return SG_OK;
 }
 
-static void leave_instance(void)
-{
-    if (!--shared.users)
-        sg_vk_close(&shared.vk);
-}
-
 static int take(sg_ctx *ctx, const char *selector, struct vk_device_choice *chosen,
                 struct gpu_device **out)
 {
-    const char *missing = shared.users ? NULL : sg_vk_open(&shared.vk);
+    struct vk_functions vk;
+    const char *missing = sg_vk_open(&vk);
     if (missing)
         return sg_fail(ctx, SG_ERR_USAGE, "vulkan: this machine lacks %s", missing);
-    shared.users++;
     struct vk_device_choice devices[VK_DEVICES];
     const struct vk_device_choice *found;
-    int code =
-        sg_vk_choose_device(ctx, devices, sg_vk_devices(&shared.vk, devices), selector, &found);
+    int code = sg_vk_choose_device(ctx, devices, sg_vk_devices(&vk, devices), selector, &found);
     if (!code)
-        code = find_device(ctx, found, out);
-    if (code)
-        leave_instance();
-    else {
+        code = find_device(ctx, &vk, found, out);
+    if (!code) {
         *chosen = *found;
         (*out)->users++;
     }
@@ -262,6 +252,5 @@ void sg_gpu_give_device(struct gpu_device *d)
         *at = d->next;
         close_device(d);
     }
-    leave_instance();
     pthread_mutex_unlock(&shared.lock);
 }

@@ -218,7 +218,6 @@ size_t sg_device_list(struct sg_device_info *out, size_t most, const char **miss
         for (int i = 0; i < found && n < most; i++)
             out[n++] = devices[i].info;
         lacks = best_of(devices, found) ? NULL : "a GPU with Vulkan 1.2 (see docs/gpu.md)";
-        sg_vk_close(&vk);
     }
     pthread_mutex_lock(&seen.lock);
     seen.known = true;

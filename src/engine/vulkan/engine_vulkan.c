@@ -523,10 +523,7 @@ static int check(sg_ctx *ctx, const char *selector)
     const char *missing = sg_vk_open(&vk);
     if (missing)
         return sg_fail(ctx, SG_ERR_USAGE, "vulkan: this machine lacks %s", missing);
-    const int code =
-        sg_vk_choose_device(ctx, devices, sg_vk_devices(&vk, devices), selector, &chosen);
-    sg_vk_close(&vk);
-    return code;
+    return sg_vk_choose_device(ctx, devices, sg_vk_devices(&vk, devices), selector, &chosen);
 }
 
 /* Of the host. The model is there once, while a run is resumed; a checkpoint copies one array, and

@@ -2,6 +2,7 @@
 #include "loader.h"
 
 #include <dlfcn.h>
+#include <pthread.h>
 
 /* dlsym returns an object's pointer; POSIX lets it be a function's. */
 #define LOAD(target, source)                                                                       \
@@ -10,7 +11,13 @@
         *(const void **) &(target) = from_;                                                        \
     } while (0)
 
-const char *sg_vk_open(struct vk_functions *vk)
+/* The loader and its instance of this process, once somebody has asked. */
+static struct {
+    pthread_mutex_t lock;
+    struct vk_functions vk; /* library NULL: nobody has, or there is none */
+} opened = {.lock = PTHREAD_MUTEX_INITIALIZER};
+
+static const char *open_loader(struct vk_functions *vk)
 {
     *vk = (struct vk_functions){0};
     static const char *const names[] = {"libvulkan.so.1", "libvulkan.so", "libvulkan.1.dylib",
@@ -43,6 +50,7 @@ const char *sg_vk_open(struct vk_functions *vk)
     }
     if (missing) {
         dlclose(vk->library);
+        *vk = (struct vk_functions){0};
         return missing;
     }
 #define F(name) LOAD(vk->name, vk->GetInstanceProcAddr(vk->instance, "vk" #name));
@@ -51,18 +59,18 @@ const char *sg_vk_open(struct vk_functions *vk)
     return NULL;
 }
 
+const char *sg_vk_open(struct vk_functions *vk)
+{
+    pthread_mutex_lock(&opened.lock);
+    const char *missing = opened.vk.library ? NULL : open_loader(&opened.vk);
+    *vk = opened.vk;
+    pthread_mutex_unlock(&opened.lock);
+    return missing;
+}
+
 void sg_vk_open_device(struct vk_functions *vk, VkDevice device)
 {
 #define F(name) LOAD(vk->name, vk->GetDeviceProcAddr(device, "vk" #name));
     VK_DEVICE_FUNCTIONS(F)
 #undef F
-}
-
-void sg_vk_close(struct vk_functions *vk)
-{
-    if (!vk->library)
-        return;
-    vk->DestroyInstance(vk->instance, NULL);
-    dlclose(vk->library);
-    *vk = (struct vk_functions){0};
 }

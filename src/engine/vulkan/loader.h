@@ -11,7 +11,6 @@
     F(CreateInstance)                                                                              \
     F(EnumerateInstanceVersion)
 #define VK_INSTANCE_FUNCTIONS(F)                                                                   \
-    F(DestroyInstance)                                                                             \
     F(EnumeratePhysicalDevices)                                                                    \
     F(GetPhysicalDeviceProperties2)                                                                \
     F(GetPhysicalDeviceFeatures2)                                                                  \
@@ -74,10 +73,10 @@ struct vk_functions {
     VkInstance instance;
 };
 
-/* Opens the loader and makes an instance of Vulkan 1.2. Returns NULL, or what is missing (static
- * text); then nothing is left open. */
+/* Opens the loader and makes an instance of Vulkan 1.2, once in a process: both stay until it ends,
+ * for drivers need not survive any number of starts (with NVIDIA's 580 the 400th or so failed).
+ * Returns NULL, or what is missing (static text); then nothing is left open. Thread safety: safe. */
 const char *sg_vk_open(struct vk_functions *vk);
 void sg_vk_open_device(struct vk_functions *vk, VkDevice device);
-void sg_vk_close(struct vk_functions *vk); /* after the device */
 
 #endif
