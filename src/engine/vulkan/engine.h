@@ -157,7 +157,7 @@ struct vulkan_engine {
     uint32_t width, height;
     struct gpu_lists lists;
     struct gpu_buffer view; /* struct pinhole, and what learn adds to it */
-    struct gpu_buffer splats, image, alpha, depth, blocks, reached, checkpoints;
+    struct gpu_buffer splats, image, alpha, depth, units, reached, checkpoints;
     struct gpu_buffer gradient, slots, band_sums;
     /* of losses */
     struct gpu_buffer given, target, maps, sums, exposed, exposures, given_exposure;

@@ -14,7 +14,7 @@ static void destroy(struct sg_engine *base)
     struct gpu *g = e->gpu;
     struct gpu_buffer *owned[] = {
         &e->view,      &e->splats,    &e->image,          &e->alpha,       &e->depth,
-        &e->blocks,    &e->reached,   &e->checkpoints,    &e->gradient,    &e->slots,
+        &e->units,     &e->reached,   &e->checkpoints,    &e->gradient,    &e->slots,
         &e->band_sums, &e->given,     &e->target,         &e->maps,        &e->sums,
         &e->exposed,   &e->exposures, &e->given_exposure, &e->flow.arrived};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
@@ -81,9 +81,10 @@ int sg_vulkan_project(struct vulkan_engine *e, const struct sg_camera *camera, i
                    .grid_x = e->lists.grid_x, .grid_y = e->lists.grid_y);
 }
 
-/* Bytes of an instance: keys and values twice, its two lists, blocks, slot and share of the
+/* Bytes of an instance: keys and values twice, its two lists, slot and shares of the units and the
  * checkpoints. */
-#define INSTANCE_BYTES (4 * (2 + 2 + 2 + 2 + 1 + VK_SLOT_ABSOLUTE) + 16 * 256 / VK_CHUNK + 1)
+#define INSTANCE_BYTES                                                                             \
+    (4 * (2 + 2 + 2 + 2 + VK_SLOT_ABSOLUTE) + (16 * 256 + 4 * VK_UNIT) / VK_CHUNK + 1)
 
 int sg_vulkan_bin(struct vulkan_engine *e)
 {
@@ -103,7 +104,8 @@ static int raster_band(struct vulkan_engine *e, bool auxiliary)
     const struct gpu_band *band = &l->bands[l->band];
     const uint32_t tiles = band->end - band->first;
     int code;
-    if ((code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->blocks, 4 * l->capacity)) ||
+    if ((code =
+             sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->units, 4 * VK_UNIT * sg_gpu_lists_units(l))) ||
         (code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->reached, 4 * (uint64_t) tiles)) ||
         (code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->checkpoints,
                                16 * 256 * sg_gpu_lists_units(l))))
@@ -111,7 +113,7 @@ static int raster_band(struct vulkan_engine *e, bool auxiliary)
     return GPU_RUN_WORK(
         g, raster, 0, &l->work, VK_WORK_TILES, .splats = e->splats.address,
         .instances = l->instances.address, .tile_start = l->tile_start.address,
-        .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
+        .chunk_start = l->chunk_start.address, .units = e->units.address,
         .reached = e->reached.address, .checkpoints = e->checkpoints.address,
         .image = e->image.address, .alpha = sg_gpu_at(g, &e->alpha),
         .depth = sg_gpu_at(g, &e->depth), .results = l->results.address, .first_tile = band->first,
@@ -185,7 +187,7 @@ int sg_vulkan_raster_backward(struct vulkan_engine *e)
             code = GPU_RUN_WORK(
                 g, raster_backward, absolute, &l->work, VK_WORK_UNITS, .splats = e->splats.address,
                 .instances = l->instances.address, .tile_start = l->tile_start.address,
-                .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
+                .chunk_start = l->chunk_start.address, .units = e->units.address,
                 .reached = e->reached.address, .checkpoints = e->checkpoints.address,
                 .image = e->image.address, .gradient = e->gradient.address,
                 .slots = e->slots.address, .first_tile = b->first, .tiles = b->end - b->first,
@@ -553,7 +555,7 @@ static struct sg_footprint on_device(const struct sg_work *work)
         .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_SH) + 1,
         .instance = INSTANCE_BYTES,
         .largest = 4 * (uint64_t) sg_column_array_planes(SG_C_PARAMETERS, w->sh_degree),
-        .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64) +
+        .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64 + 4 * VK_UNIT) +
                 (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)
                                : 0),
         .photo = 4 * pixels + exposure,

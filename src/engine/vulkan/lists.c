@@ -22,8 +22,7 @@ int sg_gpu_scan(struct gpu *g, struct gpu_buffer *sums, const struct gpu_buffer 
     int code = words(g, sums, groups);
     const struct args_scan_sum args = {
         .from = from->address, .to = to->address, .sums = sums->address, .count = count};
-    if (code || (code = sg_gpu_dispatch(g, GPU_scan_sum, 0, &args, sizeof(args), groups)) ||
-        (code = sg_gpu_dispatch(g, GPU_scan_spine, 0, &args, sizeof(args), 1)))
+    if (code || (code = sg_gpu_dispatch(g, GPU_scan_sum, 0, &args, sizeof(args), groups)))
         return code;
     return sg_gpu_dispatch(g, GPU_scan_apply, 0, &args, sizeof(args), groups);
 }
@@ -39,8 +38,7 @@ static int scan(struct gpu *g, struct gpu_lists *l, const struct gpu_buffer *fro
     const struct args_scan_sum args = {
         .from = from->address, .to = to->address, .sums = l->sums.address, .count = items(l, item)};
     if (code ||
-        (code = sg_gpu_dispatch_work(g, GPU_scan_sum, 0, &args, sizeof(args), &l->work, groups)) ||
-        (code = sg_gpu_dispatch(g, GPU_scan_spine, 0, &args, sizeof(args), 1)))
+        (code = sg_gpu_dispatch_work(g, GPU_scan_sum, 0, &args, sizeof(args), &l->work, groups)))
         return code;
     return sg_gpu_dispatch_work(g, GPU_scan_apply, 0, &args, sizeof(args), &l->work, groups);
 }

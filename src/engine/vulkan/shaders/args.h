@@ -13,13 +13,17 @@
 #define VK_SLOT 9           /* floats: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
 #define VK_SLOT_ABSOLUTE 11 /* and, where absolute gradients are counted, |dL/dx|, |dL/dy| */
 #define VK_GROUP 256        /* invocations of the kernels without a tile */
-#define VK_SCAN 1024        /* numbers that a workgroup scans */
+#define VK_SCAN 2048        /* numbers that a workgroup scans */
 #define VK_SORT 1024        /* keys that a workgroup sorts */
 #define VK_SORT_GROUP 64    /* invocations: each sorts VK_SORT / VK_SORT_GROUP keys in order */
 #define VK_DIGITS 256
 #define VK_LINE 2016       /* points of a Fourier transform in shared memory */
 #define VK_LINE_GROUP 128  /* invocations that transform a line */
 #define VK_LINE_GROUPS 128 /* workgroups with longer lines */
+
+/* Words of a unit: the lists of its batches' blocks, and its tile. */
+#define VK_UNIT (VK_CHUNK / VK_BATCH * VK_BLOCKS + 1)
+#define VK_UNIT_TILE (VK_UNIT - 1)
 
 /* Numbers that kernels leave for the host; pairs are low and high words. */
 #define VK_RESULT_VISIBLE 0
@@ -70,7 +74,6 @@
     K(size)                                                                                        \
     K(tile_totals)                                                                                 \
     K(scan_sum)                                                                                    \
-    K(scan_spine)                                                                                  \
     K(scan_apply)                                                                                  \
     K(compact)                                                                                     \
     K(gather)                                                                                      \
@@ -151,7 +154,6 @@
 #define ARGS_scan(P, U, F)                                                                         \
     P(Uints, from) P(Uints, to) P(Uints, sums) P(Uints, count)
 #define ARGS_scan_sum ARGS_scan
-#define ARGS_scan_spine ARGS_scan
 #define ARGS_scan_apply ARGS_scan
 
 #define ARGS_compact(P, U, F)                                                                      \
@@ -177,12 +179,12 @@
 /* auxiliary: 1 = alpha and depth too */
 #define ARGS_raster(P, U, F)                                                                       \
     P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Uints, chunk_start)               \
-    P(Uints, blocks) P(Uints, reached) P(Floats, checkpoints) P(Floats, image) P(Floats, alpha)    \
+    P(Uints, units) P(Uints, reached) P(Floats, checkpoints) P(Floats, image) P(Floats, alpha)    \
     P(Floats, depth) P(Uints, results) U(first_tile) U(tiles) U(grid_x) U(width) U(height)         \
     U(auxiliary) F(background_r) F(background_g) F(background_b)
 #define ARGS_raster_backward(P, U, F)                                                              \
     P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Uints, chunk_start)               \
-    P(Uints, blocks) P(Uints, reached) P(Floats, checkpoints) P(Floats, image)                     \
+    P(Uints, units) P(Uints, reached) P(Floats, checkpoints) P(Floats, image)                     \
     P(Floats, gradient) P(Floats, slots) U(first_tile) U(tiles) U(grid_x) U(width) U(height)
 /* hit: enum sg_hit */
 #define ARGS_raster_count(P, U, F)                                                                 \

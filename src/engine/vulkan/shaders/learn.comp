@@ -16,6 +16,7 @@ const int PLANES = 11 + 3 * COEFFICIENTS; /* of the active degree: the others ar
 ARGUMENTS(learn);
 
 #define PARAMS_MAX 59
+#define AHEAD 4 /* slots that are loaded at once */
 
 float shaped(uint i, int plane)
 {
@@ -44,12 +45,23 @@ void pull(uint i, out float g[PARAMS_MAX])
     const uint width = absolute ? VK_SLOT_ABSOLUTE : VK_SLOT;
     for (int j = 0; j < VK_SLOT_ABSOLUTE; j++)
         sums[j] = 0.0;
-    for (uint k = first; k < end; k++) {
+    uint k = first;
+    /* A Gaussian of many tiles has one invocation: loads that do not wait for one another. */
+    for (; k + AHEAD <= end; k += AHEAD) {
+        float slots[AHEAD][VK_SLOT];
+        [[unroll]] for (uint s = 0; s < AHEAD; s++)
+            [[unroll]] for (int j = 0; j < VK_SLOT; j++)
+                slots[s][j] = a.slots.v[(k + s) * width + j];
+        [[unroll]] for (uint s = 0; s < AHEAD; s++)
+            [[unroll]] for (int j = 0; j < VK_SLOT; j++)
+                sums[j] += slots[s][j];
+    }
+    for (; k < end; k++)
         for (int j = 0; j < VK_SLOT; j++)
             sums[j] += a.slots.v[k * width + j];
-        for (int j = VK_SLOT; j < VK_SLOT_ABSOLUTE && absolute; j++)
+    for (k = first; k < end && absolute; k++)
+        for (int j = VK_SLOT; j < VK_SLOT_ABSOLUTE; j++)
             sums[j] += a.slots.v[k * width + j];
-    }
     for (int k = 0; k < 3; k++) {
         xyz[k] = shaped(i, k);
         scales[k] = shaped(i, P_SCALE + k);

@@ -18,10 +18,8 @@ void main()
     count_runs(a.keys, group * VK_SORT, count, a.shift);
     for (uint digit = gl_LocalInvocationID.x; digit < VK_DIGITS; digit += VK_SORT_GROUP) {
         uint sum = 0;
-        for (uint k = 0; k < WORDS; k++) {
-            const uint four = counters[digit][k];
-            sum += (four & 255) + (four >> 8 & 255) + (four >> 16 & 255) + (four >> 24);
-        }
+        for (uint k = 0; k < WORDS; k++)
+            sum += sum_four(counters[digit][k]);
         a.digits.v[digit * groups + group] = sum;
     }
 }

@@ -15,17 +15,19 @@ void main()
     if (group >= groups)
         return;
     count_runs(a.keys, first, count, a.shift);
-    for (uint k = t * RUN; k < (t + 1) * RUN && first + k < count; k++) {
-        const uint key = run_keys[k], digit = key_digit(key, a.shift);
-        uint place = a.digits.v[digit * groups + group];
-        for (uint w = 0; w <= t / 4; w++) { /* keys of this digit in earlier runs */
-            const uint four = w < t / 4 ? counters[digit][w]
-                                        : counters[digit][w] & ((1u << 8 * (t % 4)) - 1);
-            place += (four & 255) + (four >> 8 & 255) + (four >> 16 & 255) + (four >> 24);
-        }
-        for (uint earlier = t * RUN; earlier < k; earlier++) /* and in this one */
-            place += key_digit(run_keys[earlier], a.shift) == digit ? 1 : 0;
-        a.to_keys.v[place] = key;
-        a.to_values.v[place] = a.values.v[first + k];
+    uint digits[RUN]; /* of this run */
+    [[unroll]] for (uint k = 0; k < RUN; k++)
+        digits[k] = key_digit(run_keys[t][k], a.shift);
+    [[unroll]] for (uint k = 0; k < RUN; k++) {
+        if (first + t * RUN + k >= count)
+            break;
+        uint place = a.digits.v[digits[k] * groups + group];
+        for (uint w = 0; w < t / 4; w++) /* keys of this digit in earlier runs */
+            place += sum_four(counters[digits[k]][w]);
+        place += sum_four(counters[digits[k]][t / 4] & (1u << 8 * (t % 4)) - 1);
+        [[unroll]] for (uint earlier = 0; earlier < k; earlier++) /* and in this one */
+            place += digits[earlier] == digits[k] ? 1 : 0;
+        a.to_keys.v[place] = run_keys[t][k];
+        a.to_values.v[place] = a.values.v[first + t * RUN + k];
     }
 }

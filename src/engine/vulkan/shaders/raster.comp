@@ -23,6 +23,9 @@ void main()
     const uint x0 = (tile + a.first_tile) % a.grid_x * SG_TILE,
                y0 = (tile + a.first_tile) / a.grid_x * SG_TILE;
     const uint first = a.tile_start.v[tile], end = a.tile_start.v[tile + 1];
+    const uint first_unit = a.chunk_start.v[tile];
+    for (uint unit = first_unit + t; unit < a.chunk_start.v[tile + 1]; unit += INVOCATIONS)
+        a.units.v[unit * VK_UNIT + VK_UNIT_TILE] = tile;
     float chain[MOST_PIXELS], left[MOST_PIXELS], depth[MOST_PIXELS];
     vec3 colour[MOST_PIXELS];
     uint rows = 0;
@@ -37,7 +40,7 @@ void main()
     for (; at < end; at += VK_BATCH) {
         const uint n = min(end - at, VK_BATCH);
         if ((at - first) % VK_CHUNK == 0) {
-            const uint chunk = a.chunk_start.v[tile] + (at - first) / VK_CHUNK;
+            const uint chunk = first_unit + (at - first) / VK_CHUNK;
             [[unroll]] for (uint p = 0; p < PIXELS; p++) {
                 if (!with_part_of(VK_WITHOUT_WRITES, light_of(colour[p], chain[p])))
                     continue;
@@ -49,18 +52,22 @@ void main()
             }
         }
         barrier(); /* all have left the last batch, and read open_pixels */
-        for (uint block = t; block < VK_BLOCKS; block += INVOCATIONS)
-            batch_rows[block] = 0;
+        if (t < VK_BLOCKS)
+            batch_rows[t] = 0;
         if (t == 0)
             open_pixels = 0;
         barrier(); /* lists are empty */
-        for (uint k = t; k < n; k += INVOCATIONS) {
-            const uint i = a.instances.v[2 * (at + k)], bits = blocks_of(a.splats, i, x0, y0);
-            batch_stage(a.splats, i, k);
-            batch_mark(bits, k);
-            a.blocks.v[at + k] = bits;
+        [[unroll]] for (uint p = 0; p < STAGE_PASSES; p++) {
+            const uint item = t + p * INVOCATIONS, k = item / STAGES, part = item % STAGES;
+            if (k < n) {
+                const uint i = a.instances.v[2 * (at + k)];
+                batch_stage(a.splats, i, k, part);
+                batch_mark(a.splats, i, k, part, x0, y0);
+            }
         }
         barrier(); /* the batch is staged */
+        if (t < VK_BLOCKS)
+            a.units.v[unit_at(first_unit, at - first) + t] = batch_rows[t];
         const uint list = batch_rows[block_of()];
         bool open = false;
         [[unroll]] for (uint p = 0; p < PIXELS; p++) {

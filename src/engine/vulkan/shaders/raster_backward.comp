@@ -17,24 +17,36 @@ layout(constant_id = 2) const uint SLOT = VK_SLOT; /* or VK_SLOT_ABSOLUTE */
 
 #define LN2 0.693147181
 #define PARTS 4 /* of a block: its rows of 8 pixels */
+#define ITEMS (VK_BLOCKS * ROWS * PARTS)
 #define CENTRE (0.5 * (SG_TILE - 1))
 
-shared float row_w[VK_BLOCKS][ROWS][VK_BLOCK_SIZE], row_weight[VK_BLOCKS][ROWS][VK_BLOCK_SIZE];
-shared float parts[VK_BLOCKS * ROWS * PARTS][SLOT];
+shared float row_w[VK_BLOCKS][ROWS][ROW], row_weight[VK_BLOCKS][ROWS][ROW];
+shared float parts[ITEMS][SLOT];
 shared float sums[VK_BLOCKS][VK_BATCH][SLOT];
+shared uint round_rows[2][VK_BLOCKS]; /* rows of a round and later ones; rounds take turns */
 shared vec3 pull[256]; /* dL/dimage of block b, pixel q at 32 b + q */
 
-/* Of the row-th instance in the round of a block, over the 8 pixels of a row. */
+/* An item of a round: a row of 8 pixels of a block, for one of its ROWS instances. */
+struct row_item {
+    uint part, row, block;
+};
+row_item item_of(uint item)
+{
+    return row_item(item % PARTS, item / PARTS % ROWS, item / (PARTS * ROWS));
+}
+
+/* Sums over the pixels of an item, of instance k of the batch; 32: none. */
 void sum_absolute(uint item, uint k, vec2 corner)
 {
-    const uint part = item % PARTS, row = item / PARTS % ROWS, block = item / (PARTS * ROWS);
+    const row_item o = item_of(item);
     float sx = 0.0, sy = 0.0;
     if (k < 32) {
         const vec4 shape = batch_shape[k];
-        const float down = batch_light[k].x, dy = corner.y + float(block / 2 * 4 + part) - shape.y;
+        const float down = batch_light[k].x,
+                    dy = corner.y + float(o.block / 2 * 4 + o.part) - shape.y;
         for (uint p = 0; p < 8; p++) {
-            const float w = row_w[block][row][8 * part + p];
-            const float dx = corner.x + float(block % 2 * 8 + p) - shape.x;
+            const float w = row_w[o.block][o.row][8 * o.part + p];
+            const float dx = corner.x + float(o.block % 2 * 8 + p) - shape.x;
             const float along = pair_along(dx, dy, shape.z, shape.w);
             sx += abs(pair_slope_x(w, along, shape.z));
             sy += abs(pair_slope_y(w, along, dy, shape.w, down));
@@ -44,21 +56,28 @@ void sum_absolute(uint item, uint k, vec2 corner)
     parts[item][SLOT - 1] = 2.0 * LN2 * sy;
 }
 
-/* Sums over the 8 pixels of a row of a block. */
-void sum_part(uint item)
+void sum_moments(uint item)
 {
-    const uint part = item % PARTS, row = item / PARTS % ROWS, block = item / (PARTS * ROWS);
+    const row_item o = item_of(item);
+    const float y = float(o.block / 2 * 4 + o.part) - CENTRE;
     float s0 = 0.0, s1 = 0.0, s2 = 0.0;
-    vec3 colour = vec3(0.0);
     for (uint k = 0; k < 8; k++) {
-        const uint q = 8 * part + k;
-        const float w = row_w[block][row][q], x = float(block % 2 * 8 + k) - CENTRE;
+        const float w = row_w[o.block][o.row][8 * o.part + k];
+        const float x = float(o.block % 2 * 8 + k) - CENTRE;
         s0 += w, s1 += w * x, s2 += w * x * x;
-        colour += row_weight[block][row][q] * pull[32 * block + q];
     }
-    const float y = float(block / 2 * 4 + part) - CENTRE;
     parts[item][0] = s0, parts[item][1] = s0 * y, parts[item][2] = s0 * y * y;
     parts[item][3] = s1, parts[item][4] = s1 * y, parts[item][5] = s2;
+}
+
+void sum_colours(uint item)
+{
+    const row_item o = item_of(item);
+    vec3 colour = vec3(0.0);
+    for (uint k = 0; k < 8; k++) {
+        const uint q = 8 * o.part + k;
+        colour += row_weight[o.block][o.row][q] * pull[32 * o.block + q];
+    }
     parts[item][6] = colour.x, parts[item][7] = colour.y, parts[item][8] = colour.z;
 }
 
@@ -67,14 +86,7 @@ void main()
     const uint unit = group_index(), t = gl_LocalInvocationID.x;
     if (unit >= a.chunk_start.v[a.tiles])
         return;
-    uint tile = 0;
-    for (uint above = a.tiles; above - tile > 1;) { /* the last tile that begins by this chunk */
-        const uint middle = (tile + above) / 2;
-        if (a.chunk_start.v[middle] <= unit)
-            tile = middle;
-        else
-            above = middle;
-    }
+    const uint tile = a.units.v[unit * VK_UNIT + VK_UNIT_TILE];
     const uint x0 = (tile + a.first_tile) % a.grid_x * SG_TILE,
                y0 = (tile + a.first_tile) / a.grid_x * SG_TILE;
     const uint first = a.tile_start.v[tile] + (unit - a.chunk_start.v[tile]) * VK_CHUNK;
@@ -109,18 +121,20 @@ void main()
     for (uint at = first; at < reached; at += VK_BATCH) {
         const uint n = min(reached - at, VK_BATCH);
         barrier(); /* all have left the last batch */
-        for (uint b = t; b < VK_BLOCKS; b += INVOCATIONS)
-            batch_rows[b] = 0;
-        barrier(); /* lists are empty */
-        for (uint k = t; k < n; k += INVOCATIONS) {
-            batch_stage(a.splats, a.instances.v[2 * (at + k)], k);
-            batch_mark(a.blocks.v[at + k], k);
+        if (t < VK_BLOCKS)
+            batch_rows[t] = a.units.v[unit_at(unit, at - first) + t];
+        [[unroll]] for (uint p = 0; p < STAGE_PASSES; p++) {
+            const uint item = t + p * INVOCATIONS, k = item / STAGES;
+            if (k < n)
+                batch_stage(a.splats, a.instances.v[2 * (at + k)], k, item % STAGES);
         }
         barrier(); /* the batch is staged */
         const uint rounds = rounds_of();
         uint rest = batch_rows[block];
         for (uint round = 0; round < rounds; round++) {
             const uint list = rest; /* without the rows of earlier rounds */
+            if (t % LANES == 0)
+                round_rows[round % 2][block] = list;
             [[unroll]] for (uint p = 0; p < PIXELS; p++) {
                 const vec2 pixel = vec2(uvec2(x0, y0) + pixel_of(p));
                 const uint q = t % LANES + p * LANES;
@@ -152,49 +166,54 @@ void main()
             barrier(); /* the pixels of the round are there */
             if (!with_part(VK_WITHOUT_SUMS))
                 continue;
-            for (uint item = t; item < VK_BLOCKS * ROWS * PARTS; item += INVOCATIONS) {
-                sum_part(item);
-                if (SLOT > VK_SLOT) {
-                    const uint of_block = batch_rows[item / (PARTS * ROWS)];
-                    sum_absolute(item, row_of(of_block, round * ROWS + item / PARTS % ROWS),
-                                 vec2(x0, y0));
-                }
+            /* Two halves of the workgroup, where it has so many invocations. */
+            for (uint item = t; item < 2 * ITEMS; item += INVOCATIONS)
+                if (item < ITEMS)
+                    sum_moments(item);
+                else
+                    sum_colours(item - ITEMS);
+            for (uint item = t; item < ITEMS && SLOT > VK_SLOT; item += INVOCATIONS) {
+                const row_item o = item_of(item);
+                sum_absolute(item, row_of(round_rows[round % 2][o.block], o.row), vec2(x0, y0));
             }
             barrier(); /* the parts are there, and the pixels read */
-            for (uint item = t; item < VK_BLOCKS * ROWS; item += INVOCATIONS) {
-                const uint b = item / ROWS;
-                const uint k = row_of(batch_rows[b], round * ROWS + item % ROWS);
-                for (uint j = 0; j < SLOT && k < 32; j++)
-                    sums[b][k][j] = (parts[item * PARTS][j] + parts[item * PARTS + 1][j]) +
-                                    (parts[item * PARTS + 2][j] + parts[item * PARTS + 3][j]);
+            for (uint item = t; item < VK_BLOCKS * ROWS * SLOT; item += INVOCATIONS) {
+                const uint j = item % SLOT, of = item / SLOT, first_part = of * PARTS;
+                const uint b = of / ROWS, k = row_of(round_rows[round % 2][b], of % ROWS);
+                if (k < 32)
+                    sums[b][k][j] = (parts[first_part][j] + parts[first_part + 1][j]) +
+                                    (parts[first_part + 2][j] + parts[first_part + 3][j]);
             }
         }
         barrier(); /* the sums of all blocks are there */
-        for (uint k = t; k < n; k += INVOCATIONS) {
-            float s[SLOT];
-            for (uint j = 0; j < SLOT; j++)
-                s[j] = 0.0;
+        for (uint item = t; item < n * SLOT; item += INVOCATIONS) {
+            const uint k = item / SLOT, j = item % SLOT;
+            float s = 0.0;
             for (uint b = 0; b < VK_BLOCKS && with_part(VK_WITHOUT_SUMS); b++)
                 if ((batch_rows[b] >> k & 1) != 0)
-                    for (uint j = 0; j < SLOT; j++)
-                        s[j] += sums[b][k][j];
+                    s += sums[b][k][j];
             if (!with_part(VK_WITHOUT_SUMS)) /* something that depends on the pixels */
-                s[0] = row_w[k % VK_BLOCKS][0][k] + row_weight[k % VK_BLOCKS][0][k];
+                s = row_w[k % VK_BLOCKS][0][k] + row_weight[k % VK_BLOCKS][0][k];
+            parts[k][j] = s; /* of the batch: those of the rounds have been read */
+        }
+        barrier(); /* the sums of the instances are there */
+        for (uint k = t; k < n; k += INVOCATIONS) {
             float all = 0.0;
             for (uint j = 0; j < SLOT; j++)
-                all += s[j];
+                all += parts[k][j];
             if (!with_part_of(VK_WITHOUT_SLOTS, all))
                 continue;
             const float dx = float(x0) + CENTRE - batch_shape[k].x;
             const float dy = float(y0) + CENTRE - batch_shape[k].y;
             const uint to = a.instances.v[2 * (at + k) + 1] * SLOT;
-            const float about[6] = float[6](s[0], s[1], s[2], s[3], s[4], s[5]);
+            const float about[6] = float[6](parts[k][0], parts[k][1], parts[k][2], parts[k][3],
+                                            parts[k][4], parts[k][5]);
             float moved[6];
             moments_move(about, dx, dy, moved);
             for (uint j = 0; j < 6; j++)
                 a.slots.v[to + j] = moved[j];
             for (uint j = 6; j < SLOT; j++)
-                a.slots.v[to + j] = s[j];
+                a.slots.v[to + j] = parts[k][j];
         }
     }
 }

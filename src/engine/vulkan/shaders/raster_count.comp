@@ -11,7 +11,7 @@ ARGUMENTS(raster_count);
 #define HIT_WEIGHT 2
 #define HIT_TRANSMITTANCE 3
 
-shared float rows[VK_BLOCKS][ROWS][VK_BLOCK_SIZE];
+shared float rows[VK_BLOCKS][ROWS][ROW];
 shared float sums[VK_BLOCKS][VK_BATCH];
 shared uint open_pixels;
 
@@ -32,15 +32,18 @@ void main()
     for (; at < end; at += VK_BATCH) {
         const uint n = min(end - at, VK_BATCH);
         barrier(); /* all have left the last batch, and read open_pixels */
-        for (uint b = t; b < VK_BLOCKS; b += INVOCATIONS)
-            batch_rows[b] = 0;
+        if (t < VK_BLOCKS)
+            batch_rows[t] = 0;
         if (t == 0)
             open_pixels = 0;
         barrier(); /* lists are empty */
-        for (uint k = t; k < n; k += INVOCATIONS) {
-            const uint i = a.instances.v[2 * (at + k)];
-            batch_stage(a.splats, i, k);
-            batch_mark(blocks_of(a.splats, i, x0, y0), k);
+        [[unroll]] for (uint p = 0; p < STAGE_PASSES; p++) {
+            const uint item = t + p * INVOCATIONS, k = item / STAGES, part = item % STAGES;
+            if (k < n) {
+                const uint i = a.instances.v[2 * (at + k)];
+                batch_stage(a.splats, i, k, part);
+                batch_mark(a.splats, i, k, part, x0, y0);
+            }
         }
         barrier(); /* the batch is staged */
         const uint rounds = rounds_of();

@@ -2,7 +2,8 @@
 /* Sums over the pixels of a tile without atomics, in an order that nothing but the lists decides.
  * Blocks walk their lists in step, ROWS instances a round: every pixel leaves its numbers in
  * shared memory, then the invocations turn and each sums the pixels of a row. */
-#define ROWS 4 /* instances of each block in a round */
+#define ROWS 4                  /* instances of each block in a round */
+#define ROW (VK_BLOCK_SIZE + 1) /* its pixels, at an odd stride: rows begin in other banks */
 
 /* The list of a block without its first rows: clears the `n` lowest bits that are set. */
 uint without_first(uint list, uint n)

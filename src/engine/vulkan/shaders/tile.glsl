@@ -18,6 +18,12 @@ shared vec4 batch_light[VK_BATCH];  /* down, peak; one stride for all three */
 shared vec4 batch_colour[VK_BATCH]; /* and depth */
 shared uint batch_rows[VK_BLOCKS];  /* a bit an instance that reaches the block */
 
+/* Place of the lists of a batch: `at` instances after the first one of unit `first`. */
+uint unit_at(uint first, uint at)
+{
+    return (first + at / VK_CHUNK) * VK_UNIT + at % VK_CHUNK / VK_BATCH * VK_BLOCKS;
+}
+
 uint block_of()
 {
     return gl_LocalInvocationID.x / LANES;
@@ -30,40 +36,40 @@ uvec2 pixel_of(uint p)
     return uvec2(block % 2 * 8 + q % 8, block / 2 * 4 + q / 8);
 }
 
-/* Stages splat i as number k of the batch. */
-void batch_stage(Floats splats, uint i, uint k)
+/* A batch is staged in parts: STAGES invocations an instance, so that most of the workgroup works. */
+#define STAGES 4
+const uint STAGE_PASSES = (VK_BATCH * STAGES + INVOCATIONS - 1) / INVOCATIONS;
+
+/* Stages a part of splat i as number k of the batch; the last part is none. */
+void batch_stage(Floats splats, uint i, uint k, uint part)
 {
     const uint at = i * SPLAT;
-    batch_shape[k] = vec4(splats.v[at + S_X], splats.v[at + S_Y], splats.v[at + S_ACROSS],
-                          splats.v[at + S_SHEAR]);
-    batch_light[k] = vec4(splats.v[at + S_DOWN], splats.v[at + S_PEAK], 0.0, 0.0);
-    batch_colour[k] =
-        vec4(splats.v[at + S_R], splats.v[at + S_G], splats.v[at + S_B], splats.v[at + S_Z]);
+    if (part == 0)
+        batch_shape[k] = vec4(splats.v[at + S_X], splats.v[at + S_Y], splats.v[at + S_ACROSS],
+                              splats.v[at + S_SHEAR]);
+    else if (part == 1)
+        batch_light[k] = vec4(splats.v[at + S_DOWN], splats.v[at + S_PEAK], 0.0, 0.0);
+    else if (part == 2)
+        batch_colour[k] =
+            vec4(splats.v[at + S_R], splats.v[at + S_G], splats.v[at + S_B], splats.v[at + S_Z]);
 }
 
-/* Bits of the blocks that a splat can touch. x0, y0: the tile's first pixel. */
-uint blocks_of(Floats splats, uint i, uint x0, uint y0)
+/* Marks splat i, number k of the batch, in the lists of the blocks that it can touch: those of one
+ * of the STAGES rows of two blocks. x0, y0: the tile's first pixel. */
+void batch_mark(Floats splats, uint i, uint k, uint row, uint x0, uint y0)
 {
     const ellipse e = ellipse_load(splats, i);
     const float x = splats.v[i * SPLAT + S_X] - float(x0), y = splats.v[i * SPLAT + S_Y];
-    uint bits = 0;
-    for (uint row = 0; row < 4; row++) {
-        const float top = float(y0 + row * 4) - y;
-        const row_span span = ellipse_row_span(e, top, top + 3.0);
-        const cell_range cells = row_span_cells(span, x, 8.0, 0.0, 2.0);
-        const uint c0 = uint(cells.first), c1 = uint(cells.end);
-        if (span.hit && span.x0 <= span.x1 && c0 < c1)
-            bits |= ((1u << c1) - (1u << c0)) << 2 * row;
-    }
-    return bits;
-}
-
-/* Marks instance k of the batch in the lists of its blocks. */
-void batch_mark(uint bits, uint k)
-{
-    for (uint block = 0; block < VK_BLOCKS; block++)
-        if ((bits >> block & 1) != 0)
-            atomicOr(batch_rows[block], 1u << k);
+    const float top = float(y0 + row * 4) - y;
+    const row_span span = ellipse_row_span(e, top, top + 3.0);
+    const cell_range cells = row_span_cells(span, x, 8.0, 0.0, 2.0);
+    const uint c0 = uint(cells.first), c1 = uint(cells.end);
+    if (!span.hit || !(span.x0 <= span.x1))
+        return;
+    if (c0 == 0 && c1 > 0)
+        atomicOr(batch_rows[2 * row], 1u << k);
+    if (c0 <= 1 && c1 > 1)
+        atomicOr(batch_rows[2 * row + 1], 1u << k);
 }
 
 /* Opacity of a pair before its bound, and the alpha that is drawn. */
