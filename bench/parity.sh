@@ -3,10 +3,12 @@
 # How far every variant of the CPU engine, and the Vulkan engine on Mesa's driver for the CPU at its three vector widths,
 # are from the oracle in the tests that compare them, in millionths: the largest differences, and what the
 # tests allow. Writes bench/results/vulkan-parity.tsv.
-#     bench/parity.sh MACHINE      needs the tests in build/ and mesa-vulkan-drivers
+#     bench/parity.sh MACHINE [NAME=FILE...]      needs the tests in build/ and mesa-vulkan-drivers
+#     NAME=FILE: a column NAME from what the same tests left in SG_PARITY=FILE on another machine, by SG_TEST_ENGINE
 set -eu
 cd "$(dirname "$0")/.."
 machine=${1:?the name of this machine in bench/results/machines.tsv}
+shift
 icd=$(ls /usr/share/vulkan/icd.d/lvp_icd.*.json)
 commit=$(git rev-parse --short HEAD)
 work=$(mktemp -d)
@@ -21,6 +23,9 @@ for width in 128 256 512; do
             VK_DRIVER_FILES=$icd "build/$test" >&2
     done
     sed "s/\tvulkan:llvmpipe\t/\tlavapipe $width\t/" "$work/$width" >>"$work/cpu"
+done
+for other; do
+    awk -F'\t' -v OFS='\t' -v name="${other%%=*}" '$2 != "ref" { $2 = name; print }' "${other#*=}" >>"$work/cpu"
 done
 awk -F'\t' -v OFS='\t' -v commit="$commit" -v machine="$machine" '
     function shown(x) { x *= 1e6; return x < 0.005 || x >= 99.5 ? sprintf("%.0f", x) : sprintf(x < 1 ? "%.2f" : "%.1f", x) }
