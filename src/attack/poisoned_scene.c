@@ -23,6 +23,7 @@
 /* COLMAP's points can be large; usually they have been read before */
 #define COPY_BYTES (UINT64_C(1) << 36)
 #define CLOUD "points.ply"
+#define LONG_NAME 200 /* bytes: names of temporary files are cut at 240 */
 
 /* The folder of a file. */
 static int make_folder(sg_ctx *ctx, char *path)
@@ -87,6 +88,23 @@ static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct 
     return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? "images/" : "",
                    (int) (photo ? (size_t) (dot - file) : strlen(file)), file,
                    jpeg ? was_jpeg ? dot : ".jpg" : ".png");
+}
+
+/* The name without "./", and its length without the ending. */
+static const char *stem_of(const struct sg_view *view, size_t *length)
+{
+    const char *file = !strncmp(view->file, "./", 2) ? view->file + 2 : view->file;
+    const char *dot = strrchr(sg_base_name(file), '.');
+    *length = dot ? (size_t) (dot - file) : strlen(file);
+    return file;
+}
+
+bool sg_poisoned_scene_shares_files(const struct sg_view *one, const struct sg_view *other)
+{
+    size_t n, m;
+    const char *a = stem_of(one, &n), *b = stem_of(other, &m);
+    return (n == m && !strncmp(a, b, n)) ||
+           (n > LONG_NAME && m > LONG_NAME && !strncmp(a, b, LONG_NAME));
 }
 
 struct image_name {

@@ -4,7 +4,9 @@
 #include <sys/resource.h>
 
 #include "attack.h"
+#include "attack/poisoned_scene.h"
 #include "config.h"
+#include "core/context.h"
 #include "core/json_text.h"
 #include "core/rng.h"
 #include "scene/photo.h"
@@ -119,50 +121,132 @@ struct tally {
     double linf, psnr, before, after;
 };
 
+/* An image that is written. */
+struct written {
+    const struct sg_view *view;
+    bool poisoned;
+    uint8_t *rgb;         /* the poisoned pixels, or NULL */
+    const uint8_t *photo; /* what is written */
+    struct sg_poison_report report;
+    struct sg_failure failure;
+    int code;
+};
+
+/* Images whose files are written at once, since most of the time goes into their compression. */
+struct batch {
+    struct attack_run *run;
+    struct written *items;
+    size_t count;
+};
+
+static void write_one(void *arg, size_t i, int thread)
+{
+    (void) thread;
+    const struct batch *b = arg;
+    struct written *w = &b->items[i];
+    const struct sg_attack_run_params *p = b->run->params;
+    sg_failures_apart(&w->failure);
+    w->code = sg_poisoned_scene_image(b->run->ctx, b->run->scene, w->view, &p->files, p->folder,
+                                      w->photo, &w->report);
+    sg_failures_apart(NULL);
+}
+
+/* What is written for a view. */
+static int take_view(struct attack_run *r, size_t k, const bool *chosen, struct written *w)
+{
+    const struct sg_scene *scene = r->scene;
+    const bool train = k >= scene->n_test;
+    const size_t i = train ? k - scene->n_test : k;
+    *w = (struct written){.view = train ? &scene->train[i] : &scene->test[i],
+                          .poisoned = train && chosen[i]};
+    if (!w->poisoned)
+        return sg_photo_pixels(r->ctx, w->view, &w->photo);
+    const struct sg_camera *c = &w->view->camera;
+    w->rgb = sg_alloc_raw(r->ctx, SG_MEM_FRAME, (size_t) c->height, 3 * (size_t) c->width);
+    w->photo = w->rgb;
+    return w->rgb ? poison(r, i, w->rgb) : SG_ERR_BUDGET;
+}
+
+static void drop_view(struct written *w)
+{
+    if (!w->poisoned && w->photo)
+        sg_view_release(w->view);
+    sg_free(w->rgb);
+    sg_poison_report_clear(&w->report);
+}
+
+static int put_image(struct attack_run *r, const struct written *w, json_t *images, struct tally *t)
+{
+    const struct sg_poison_report *p = &w->report;
+    if (json_array_append_new(
+            images,
+            json_pack("{s:o,s:o,s:b,s:o,s:o,s:o,s:o}", "name", sg_text_to_json(w->view->name),
+                      "file", sg_text_to_json(p->file), "poisoned", w->poisoned, "linf",
+                      sg_number_json(p->linf), "psnr", sg_number_json(p->psnr), "tv_before",
+                      sg_number_json(p->tv_before), "tv_after", sg_number_json(p->tv_after))))
+        return sg_no_memory(r->ctx);
+    if (w->poisoned) {
+        t->poisoned++;
+        t->linf = p->linf > t->linf ? p->linf : t->linf;
+        t->psnr += p->psnr, t->before += p->tv_before, t->after += p->tv_after;
+    }
+    return SG_OK;
+}
+
+/* Two views of a scene may name one photo, which is one file of the copy. */
+static bool is_in(const struct batch *b, const struct sg_view *view)
+{
+    for (size_t i = 0; i < b->count; i++)
+        if (sg_poisoned_scene_shares_files(b->items[i].view, view))
+            return true;
+    return false;
+}
+
+/* Takes views from number *k on, as many as there is room for, and writes their images. */
+static int write_batch(struct batch *b, size_t room, const bool *chosen, size_t *k, json_t *images,
+                       struct tally *t)
+{
+    struct attack_run *r = b->run;
+    const struct sg_scene *scene = r->scene;
+    const size_t n = scene->n_train + scene->n_test;
+    int error = SG_OK;
+    for (b->count = 0; b->count < room && *k < n && !error; ++*k) {
+        const bool train = *k >= scene->n_test;
+        const struct sg_view *view = train ? &scene->train[*k - scene->n_test] : &scene->test[*k];
+        if (is_in(b, view) || (*k == scene->n_test && b->count))
+            break;
+        if (sg_attack_ask(r, NULL))
+            error = sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted while writing");
+        else
+            error = take_view(r, *k, chosen, &b->items[b->count++]);
+    }
+    if (!error)
+        sg_parallel_for(r->ctx, b->count, write_one, b);
+    for (size_t i = 0; i < b->count; i++) {
+        struct written *w = &b->items[i];
+        if (!error && w->code)
+            error = sg_fail(r->ctx, w->code, "%s", w->failure.text);
+        if (!error)
+            error = put_image(r, w, images, t);
+        drop_view(w);
+    }
+    return error;
+}
+
 static int write_views(struct attack_run *r, const bool *chosen, json_t *images, struct tally *t)
 {
     const struct sg_attack_run_params *p = r->params;
-    const struct sg_scene *scene = r->scene;
-    int error = sg_poisoned_scene_begin(r->ctx, scene, &p->files, p->folder);
+    const size_t n = r->scene->n_train + r->scene->n_test;
+    /* With a limit of the memory one at a time: its plan has room for no more. */
+    const size_t room = sg_mem_limit(r->ctx) ? 1 : (size_t) sg_ctx_threads(r->ctx);
+    struct batch b = {.run = r, .items = sg_alloc(r->ctx, SG_MEM_MISC, room, sizeof(*b.items))};
+    int error =
+        b.items ? sg_poisoned_scene_begin(r->ctx, r->scene, &p->files, p->folder) : SG_ERR_BUDGET;
     /* The training views are written last: if a scene names a photo in both splits, the file is the
      * poison. */
-    for (size_t k = 0; k < scene->n_train + scene->n_test && !error; k++) {
-        const bool train = k >= scene->n_test;
-        const size_t i = train ? k - scene->n_test : k;
-        if (sg_attack_ask(r, NULL))
-            return sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted while writing");
-        const struct sg_view *view = train ? &scene->train[i] : &scene->test[i];
-        struct sg_poison_report report = {0};
-        uint8_t *rgb = sg_alloc_raw(r->ctx, SG_MEM_FRAME, (size_t) view->camera.height,
-                                    3 * (size_t) view->camera.width);
-        if (!rgb)
-            return SG_ERR_BUDGET;
-        const bool poisoned = train && chosen[i];
-        const uint8_t *photo = rgb;
-        error = poisoned ? poison(r, i, rgb) : sg_photo_pixels(r->ctx, view, &photo);
-        if (!error) {
-            error =
-                sg_poisoned_scene_image(r->ctx, scene, view, &p->files, p->folder, photo, &report);
-            if (!poisoned)
-                sg_view_release(view);
-        }
-        sg_free(rgb);
-        if (!error &&
-            json_array_append_new(
-                images,
-                json_pack("{s:o,s:o,s:b,s:o,s:o,s:o,s:o}", "name", sg_text_to_json(view->name),
-                          "file", sg_text_to_json(report.file), "poisoned", train && chosen[i],
-                          "linf", sg_number_json(report.linf), "psnr", sg_number_json(report.psnr),
-                          "tv_before", sg_number_json(report.tv_before), "tv_after",
-                          sg_number_json(report.tv_after))))
-            error = sg_no_memory(r->ctx);
-        if (!error && train && chosen[i]) {
-            t->poisoned++;
-            t->linf = report.linf > t->linf ? report.linf : t->linf;
-            t->psnr += report.psnr, t->before += report.tv_before, t->after += report.tv_after;
-        }
-        sg_poison_report_clear(&report);
-    }
+    for (size_t k = 0; k < n && !error;)
+        error = write_batch(&b, room, chosen, &k, images, t);
+    sg_free(b.items);
     return error;
 }
 
