@@ -101,11 +101,12 @@ static bool within(const struct listing *l, int inner, int outer)
 
 /* The innermost loop with a row runs over rows. It may take several in one pass, whose number of
  * exponentials tells, and may have loops within. Those that begin after the last row sum what the
- * rows left: raster_backward first sums over the pixels of parts of blocks, for which it has work
- * for half of its invocations, and then over the parts, with work for an eighth. All other
- * loops are counted once. Returns the instructions of a row, rounded up; 0: the text is not
- * understood. */
-static int of_a_row(enum gpu_kernel kernel, const char *text)
+ * rows left, in raster_backward one after the other: over the pixels of parts of blocks, where each
+ * half of the invocations takes one of two branches; where absolute gradients are summed, over the
+ * same pixels with one half; then over the parts, VK_BLOCKS x ROWS x SLOT sums in passes of 256,
+ * which is 9 or 11 eighths of a pass. In raster_count an eighth sums. All other loops are counted
+ * once. Returns the instructions of a row, rounded up; 0: the text is not understood. */
+static int of_a_row(enum gpu_kernel kernel, bool absolute, const char *text)
 {
     static struct listing l;
     if (!read_listing(text, &l))
@@ -128,7 +129,10 @@ static int of_a_row(enum gpu_kernel kernel, const char *text)
                 (outermost < 0 || within(&l, outermost, i)))
                 outermost = i;
         sums += outermost >= 0 && at == l.begin[outermost];
-        eighths += outermost < 0 ? 8 : kernel == GPU_raster_backward && sums == 1 ? 4 : 1;
+        eighths += outermost < 0                   ? 8
+                   : kernel != GPU_raster_backward ? 1
+                   : sums <= (absolute ? 2 : 1)    ? 4
+                                                   : (absolute ? 11 : 9);
     }
     return (eighths + 8 * rows - 1) / (8 * rows);
 }
@@ -193,7 +197,7 @@ static bool report(VkDevice device, VkPipelineLayout layout, uint32_t lanes, enu
     if (has_rows(kernel)) {
         char *text = assembly_of(device, &info);
         if (text)
-            printf("\tInstructions of a row=%d", of_a_row(kernel, text));
+            printf("\tInstructions of a row=%d", of_a_row(kernel, variant > 0, text));
         free(text);
     }
     printf("\n");

@@ -249,8 +249,8 @@ static void count_work(struct bench *b)
             n * 40 + seen * (100 + keys * 20) + instances * (20 + digits * 20));
         /* Each instance with its splat, what it leaves for the backward pass, and every 128th with
          * the states of 256 pixels. */
-        set(&w[RASTER], pairs, "pairs", instances * (8 + 64 + 4 + 32) + pixels * 12, pairs * 26);
-        set(&w[RASTER_BACKWARD], pairs, "pairs", instances * (8 + 64 + 4 + 32 + 36) + pixels * 24,
+        set(&w[RASTER], pairs, "pairs", instances * (8 + 64 + 1 + 32) + pixels * 12, pairs * 26);
+        set(&w[RASTER_BACKWARD], pairs, "pairs", instances * (8 + 64 + 1 + 32 + 36) + pixels * 24,
             pairs * 45);
         set(&w[LOSS], pixels, "pixels", pixels * (28 + 60 + 84), pixels * 930);
         set(&w[TOTAL_VARIATION], pixels, "pixels", pixels * 36, pixels * 100);

@@ -283,7 +283,7 @@ static void test_loaders(void **state)
             "container with the capability graphics; see docs/gpu.md)"};
     struct sg_device_info devices[VK_DEVICES];
     const char *missing;
-    assert_null(kept_engine); /* an open device needs no loader any more */
+    assert_null(kept_engine); /* nobody may have opened the loader yet: it stays open */
     for (loader = NO_LIBRARY; loader < LOADERS; loader++) {
         sg_ctx *ctx = make_context(1);
         struct sg_engine_info info = {0};

@@ -81,10 +81,13 @@ int sg_vulkan_project(struct vulkan_engine *e, const struct sg_camera *camera, i
                    .grid_x = e->lists.grid_x, .grid_y = e->lists.grid_y);
 }
 
-/* Bytes of an instance: keys and values twice, its two lists, slot and shares of the units and the
- * checkpoints. */
+/* Bytes of an instance: keys and values twice, its two lists and slot; its shares of a unit with
+ * its checkpoints, rounded up, and of the counters of digits. */
 #define INSTANCE_BYTES                                                                             \
-    (4 * (2 + 2 + 2 + 2 + VK_SLOT_ABSOLUTE) + (16 * 256 + 4 * VK_UNIT) / VK_CHUNK + 1)
+    (4 * (2 + 2 + 2 + 2 + VK_SLOT_ABSOLUTE) + (16 * 256 + 4 * VK_UNIT + VK_CHUNK - 1) / VK_CHUNK + \
+     4 * VK_DIGITS / VK_SORT)
+
+_Static_assert(VK_CHUNK % VK_BATCH == 0, "a unit has whole batches");
 
 int sg_vulkan_bin(struct vulkan_engine *e)
 {

@@ -18,7 +18,7 @@ static VkDeviceAddress items(const struct gpu_lists *l, uint32_t item)
 int sg_gpu_scan(struct gpu *g, struct gpu_buffer *sums, const struct gpu_buffer *from,
                 const struct gpu_buffer *to, VkDeviceAddress count, uint64_t most)
 {
-    const uint64_t groups = gpu_groups(most, VK_SCAN);
+    const uint64_t groups = most ? gpu_groups(most, VK_SCAN) : 1; /* the sum of none is 0 */
     int code = words(g, sums, groups);
     const struct args_scan_sum args = {
         .from = from->address, .to = to->address, .sums = sums->address, .count = count};
@@ -28,7 +28,7 @@ int sg_gpu_scan(struct gpu *g, struct gpu_buffer *sums, const struct gpu_buffer 
 }
 
 /* The same, of as many words as a kind of work has items. groups: item with the workgroups, or
- * VK_WORKS: there are always `most` words. */
+ * VK_WORKS: there are always `most` words. Of no item there is no workgroup and no sum of all. */
 static int scan(struct gpu *g, struct gpu_lists *l, const struct gpu_buffer *from,
                 const struct gpu_buffer *to, uint64_t most, uint32_t item, uint32_t groups)
 {

@@ -3,6 +3,8 @@
 
 #include <dlfcn.h>
 #include <pthread.h>
+#include <stdbool.h>
+#include <unistd.h>
 
 /* dlsym returns an object's pointer; POSIX lets it be a function's. */
 #define LOAD(target, source)                                                                       \
@@ -15,6 +17,7 @@
 static struct {
     pthread_mutex_t lock;
     struct vk_functions vk; /* library NULL: nobody has, or there is none */
+    pid_t process;
 } opened = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
 static const char *open_loader(struct vk_functions *vk)
@@ -62,7 +65,9 @@ static const char *open_loader(struct vk_functions *vk)
 const char *sg_vk_open(struct vk_functions *vk)
 {
     pthread_mutex_lock(&opened.lock);
-    const char *missing = opened.vk.library ? NULL : open_loader(&opened.vk);
+    const bool is_open = opened.vk.library && opened.process == getpid();
+    const char *missing = is_open ? NULL : open_loader(&opened.vk);
+    opened.process = getpid();
     *vk = opened.vk;
     pthread_mutex_unlock(&opened.lock);
     return missing;

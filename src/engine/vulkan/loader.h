@@ -73,10 +73,10 @@ struct vk_functions {
     VkInstance instance;
 };
 
-/* Opens the loader and makes an instance of Vulkan 1.2, once in a process: both stay until it ends,
- * for drivers need not survive any number of starts (with NVIDIA's 580 the 400th or so failed).
- * Returns NULL, or what is missing (static text); then nothing is left open. Thread safety: safe.
- */
+/* Opens the loader and makes an instance of Vulkan 1.2, once in a process: both stay until it ends.
+ * NVIDIA's driver 580 failed after about 400 starts in one process. A child that was forked opens
+ * them anew. Returns NULL, or what is missing (static text); then nothing is left open. Thread
+ * safety: safe. */
 const char *sg_vk_open(struct vk_functions *vk);
 void sg_vk_open_device(struct vk_functions *vk, VkDevice device);
 

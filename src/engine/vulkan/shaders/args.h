@@ -62,7 +62,7 @@
 #define VK_WITHOUT_COLOURS 1    /* project: spherical harmonics */
 #define VK_WITHOUT_SPLATS 2     /* project: ellipses, and writing splats */
 #define VK_WITHOUT_PAIRS 4      /* raster, raster_backward: pairs of a Gaussian and a pixel */
-#define VK_WITHOUT_WRITES 8     /* raster: the image and what the backward pass begins with */
+#define VK_WITHOUT_WRITES 8     /* raster: the image and the states of its pixels */
 #define VK_WITHOUT_SUMS 16      /* raster_backward: sums over pixels and blocks */
 #define VK_WITHOUT_SLOTS 32     /* raster_backward: writing the sums */
 #define VK_WITHOUT_GRADIENTS 64 /* learn: sums of slots, and gradients from them */
@@ -179,12 +179,12 @@
 /* auxiliary: 1 = alpha and depth too */
 #define ARGS_raster(P, U, F)                                                                       \
     P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Uints, chunk_start)               \
-    P(Uints, units) P(Uints, reached) P(Floats, checkpoints) P(Floats, image) P(Floats, alpha)    \
+    P(Uints, units) P(Uints, reached) P(Floats, checkpoints) P(Floats, image) P(Floats, alpha)     \
     P(Floats, depth) P(Uints, results) U(first_tile) U(tiles) U(grid_x) U(width) U(height)         \
     U(auxiliary) F(background_r) F(background_g) F(background_b)
 #define ARGS_raster_backward(P, U, F)                                                              \
     P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Uints, chunk_start)               \
-    P(Uints, units) P(Uints, reached) P(Floats, checkpoints) P(Floats, image)                     \
+    P(Uints, units) P(Uints, reached) P(Floats, checkpoints) P(Floats, image)                      \
     P(Floats, gradient) P(Floats, slots) U(first_tile) U(tiles) U(grid_x) U(width) U(height)
 /* hit: enum sg_hit */
 #define ARGS_raster_count(P, U, F)                                                                 \

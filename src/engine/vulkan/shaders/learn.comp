@@ -48,19 +48,18 @@ void pull(uint i, out float g[PARAMS_MAX])
     uint k = first;
     /* A Gaussian of many tiles has one invocation: loads that do not wait for one another. */
     for (; k + AHEAD <= end; k += AHEAD) {
-        float slots[AHEAD][VK_SLOT];
+        float slots[AHEAD][VK_SLOT_ABSOLUTE];
         [[unroll]] for (uint s = 0; s < AHEAD; s++)
-            [[unroll]] for (int j = 0; j < VK_SLOT; j++)
-                slots[s][j] = a.slots.v[(k + s) * width + j];
+            [[unroll]] for (int j = 0; j < VK_SLOT_ABSOLUTE; j++) {
+                const float slot = a.slots.v[(k + s) * width + min(uint(j), width - 1)];
+                slots[s][j] = j < VK_SLOT || absolute ? slot : 0.0;
+            }
         [[unroll]] for (uint s = 0; s < AHEAD; s++)
-            [[unroll]] for (int j = 0; j < VK_SLOT; j++)
+            [[unroll]] for (int j = 0; j < VK_SLOT_ABSOLUTE; j++)
                 sums[j] += slots[s][j];
     }
     for (; k < end; k++)
-        for (int j = 0; j < VK_SLOT; j++)
-            sums[j] += a.slots.v[k * width + j];
-    for (k = first; k < end && absolute; k++)
-        for (int j = VK_SLOT; j < VK_SLOT_ABSOLUTE; j++)
+        for (int j = 0; j < width; j++)
             sums[j] += a.slots.v[k * width + j];
     for (int k = 0; k < 3; k++) {
         xyz[k] = shaped(i, k);

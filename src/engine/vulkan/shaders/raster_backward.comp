@@ -140,8 +140,8 @@ void main()
                 const uint q = t % LANES + p * LANES;
                 const vec3 g = pull[32 * block + q];
                 uint todo = list;
-                /* Without branches, which cost more: behind the end of the list it is any splat
-                 * that was staged, and nothing of it counts. */
+                /* Without branches, which cost more: behind the end of the list it is any splat,
+                 * also one of an earlier batch, and nothing of it counts. */
                 for (uint row = 0; row < ROWS; row++) {
                     if (!with_part(VK_WITHOUT_PAIRS)) {
                         row_w[block][row][q] = row_weight[block][row][q] = 0.0;

@@ -36,8 +36,9 @@ uvec2 pixel_of(uint p)
     return uvec2(block % 2 * 8 + q % 8, block / 2 * 4 + q / 8);
 }
 
-/* A batch is staged in parts: STAGES invocations an instance, so that most of the workgroup works. */
-#define STAGES 4
+/* A batch is staged in parts, so that most of the workgroup works: an instance has an invocation for
+ * each row of two blocks. */
+#define STAGES (VK_BLOCKS / 2)
 const uint STAGE_PASSES = (VK_BATCH * STAGES + INVOCATIONS - 1) / INVOCATIONS;
 
 /* Stages a part of splat i as number k of the batch; the last part is none. */
