@@ -23,7 +23,6 @@
 /* COLMAP's points can be large; usually they have been read before */
 #define COPY_BYTES (UINT64_C(1) << 36)
 #define CLOUD "points.ply"
-#define LONG_NAME 200 /* bytes: names of temporary files are cut at 240 */
 
 /* The folder of a file. */
 static int make_folder(sg_ctx *ctx, char *path)
@@ -72,39 +71,38 @@ static bool needs_transforms(const struct sg_scene *scene)
     return any;
 }
 
-/* The path of the view's image below the folder. */
-static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
-                        const struct sg_poison_files *files)
+/* The name of the view's photo, and its length without the ending. */
+static const char *stem_of(const struct sg_scene *scene, const struct sg_view *view, size_t *length)
 {
-    const bool jpeg = files->save == SG_POISON_JPEG ||
-                      (files->save == SG_POISON_AUTO && scene->format == SG_FORMAT_COLMAP);
     const char *file = !strncmp(view->file, "./", 2) ? view->file + 2 : view->file;
     const char *dot = strrchr(sg_base_name(file), '.');
     /* names from memory are no files: "a" and "a.png" are two */
     const bool photo = scene->format != SG_FORMAT_MEMORY && dot &&
                        (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") ||
                         !strcasecmp(dot, ".jpeg") || !strcasecmp(dot, ".webp"));
-    const bool was_jpeg = photo && (!strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg"));
-    return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? "images/" : "",
-                   (int) (photo ? (size_t) (dot - file) : strlen(file)), file,
-                   jpeg ? was_jpeg ? dot : ".jpg" : ".png");
-}
-
-/* The name without "./", and its length without the ending. */
-static const char *stem_of(const struct sg_view *view, size_t *length)
-{
-    const char *file = !strncmp(view->file, "./", 2) ? view->file + 2 : view->file;
-    const char *dot = strrchr(sg_base_name(file), '.');
-    *length = dot ? (size_t) (dot - file) : strlen(file);
+    *length = photo ? (size_t) (dot - file) : strlen(file);
     return file;
 }
 
-bool sg_poisoned_scene_shares_files(const struct sg_view *one, const struct sg_view *other)
+/* The path of the view's image below the folder. */
+static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                        const struct sg_poison_files *files)
+{
+    const bool jpeg = files->save == SG_POISON_JPEG ||
+                      (files->save == SG_POISON_AUTO && scene->format == SG_FORMAT_COLMAP);
+    size_t length;
+    const char *file = stem_of(scene, view, &length), *dot = file + length;
+    const bool was_jpeg = !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg");
+    return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? "images/" : "",
+                   (int) length, file, jpeg ? was_jpeg ? dot : ".jpg" : ".png");
+}
+
+bool sg_poisoned_scene_shares_file(const struct sg_scene *scene, const struct sg_view *one,
+                                   const struct sg_view *other)
 {
     size_t n, m;
-    const char *a = stem_of(one, &n), *b = stem_of(other, &m);
-    return (n == m && !strncmp(a, b, n)) ||
-           (n > LONG_NAME && m > LONG_NAME && !strncmp(a, b, LONG_NAME));
+    const char *a = stem_of(scene, one, &n), *b = stem_of(scene, other, &m);
+    return n == m && !strncasecmp(a, b, n); /* some file systems take no notice of the case */
 }
 
 struct image_name {

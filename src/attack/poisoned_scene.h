@@ -9,8 +9,9 @@
 int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
                             const struct sg_poison_files *files);
 
-/* Whether the images of two views, or their temporary files, may be one file of the copy. Others
- * can be written by several threads at once. */
-bool sg_poisoned_scene_shares_files(const struct sg_view *one, const struct sg_view *other);
+/* Whether the images of two views are one file of the copy. Others can be written by several
+ * threads at once. */
+bool sg_poisoned_scene_shares_file(const struct sg_scene *scene, const struct sg_view *one,
+                                   const struct sg_view *other);
 
 #endif

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <stdatomic.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -60,7 +61,7 @@ bool sg_temporary_finish(FILE *stream, const char *temporary, const char *path)
 }
 
 /* Bytes of a file's name that its temporary file has too: what is left of 255 is for the ending. */
-#define TEMPORARY_NAME 240
+#define TEMPORARY_NAME 230
 
 int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
 {
@@ -70,8 +71,11 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
                        "%s: cannot write: found a folder or device, expected a file", path);
     const char *name = sg_base_name(path);
     w->path = sg_strdup(ctx, path);
-    w->temporary = sg_strf(ctx, "%.*s%.*s.tmp%ld", (int) (name - path), path, TEMPORARY_NAME, name,
-                           (long) getpid());
+    /* Long names are cut, so that two of them could have one temporary file at the same time. */
+    static atomic_uint_least32_t files;
+    const uint64_t number = (uint64_t) atomic_fetch_add(&files, 1) << 24 | (uint64_t) getpid();
+    w->temporary = sg_strf(ctx, "%.*s%.*s.tmp%llu", (int) (name - path), path, TEMPORARY_NAME, name,
+                           (unsigned long long) number);
     if (!w->path || !w->temporary) {
         sg_file_abandon(w);
         return SG_ERR_BUDGET;

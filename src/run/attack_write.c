@@ -121,6 +121,13 @@ struct tally {
     double linf, psnr, before, after;
 };
 
+#define MOST_AT_ONCE 16 /* images that are written */
+
+static const struct sg_view *view_at(const struct sg_scene *scene, size_t k)
+{
+    return k < scene->n_test ? &scene->test[k] : &scene->train[k - scene->n_test];
+}
+
 /* An image that is written. */
 struct written {
     const struct sg_view *view;
@@ -151,20 +158,19 @@ static void write_one(void *arg, size_t i, int thread)
     sg_failures_apart(NULL);
 }
 
-/* What is written for a view. */
+/* What is written for view k: of the test views, then of the training views, so that a photo that a
+ * scene names in both splits ends as poison. */
 static int take_view(struct attack_run *r, size_t k, const bool *chosen, struct written *w)
 {
-    const struct sg_scene *scene = r->scene;
-    const bool train = k >= scene->n_test;
-    const size_t i = train ? k - scene->n_test : k;
-    *w = (struct written){.view = train ? &scene->train[i] : &scene->test[i],
-                          .poisoned = train && chosen[i]};
+    const size_t tests = r->scene->n_test;
+    *w =
+        (struct written){.view = view_at(r->scene, k), .poisoned = k >= tests && chosen[k - tests]};
     if (!w->poisoned)
         return sg_photo_pixels(r->ctx, w->view, &w->photo);
     const struct sg_camera *c = &w->view->camera;
     w->rgb = sg_alloc_raw(r->ctx, SG_MEM_FRAME, (size_t) c->height, 3 * (size_t) c->width);
     w->photo = w->rgb;
-    return w->rgb ? poison(r, i, w->rgb) : SG_ERR_BUDGET;
+    return w->rgb ? poison(r, k - tests, w->rgb) : SG_ERR_BUDGET;
 }
 
 static void drop_view(struct written *w)
@@ -197,7 +203,7 @@ static int put_image(struct attack_run *r, const struct written *w, json_t *imag
 static bool is_in(const struct batch *b, const struct sg_view *view)
 {
     for (size_t i = 0; i < b->count; i++)
-        if (sg_poisoned_scene_shares_files(b->items[i].view, view))
+        if (sg_poisoned_scene_shares_file(b->run->scene, b->items[i].view, view))
             return true;
     return false;
 }
@@ -211,9 +217,7 @@ static int write_batch(struct batch *b, size_t room, const bool *chosen, size_t 
     const size_t n = scene->n_train + scene->n_test;
     int error = SG_OK;
     for (b->count = 0; b->count < room && *k < n && !error; ++*k) {
-        const bool train = *k >= scene->n_test;
-        const struct sg_view *view = train ? &scene->train[*k - scene->n_test] : &scene->test[*k];
-        if (is_in(b, view) || (*k == scene->n_test && b->count))
+        if (is_in(b, view_at(scene, *k)) || (*k == scene->n_test && b->count))
             break;
         if (sg_attack_ask(r, NULL))
             error = sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted while writing");
@@ -237,13 +241,12 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
 {
     const struct sg_attack_run_params *p = r->params;
     const size_t n = r->scene->n_train + r->scene->n_test;
+    const size_t threads = (size_t) sg_ctx_threads(r->ctx);
     /* With a limit of the memory one at a time: its plan has room for no more. */
-    const size_t room = sg_mem_limit(r->ctx) ? 1 : (size_t) sg_ctx_threads(r->ctx);
+    const size_t room = sg_mem_limit(r->ctx) ? 1 : threads < MOST_AT_ONCE ? threads : MOST_AT_ONCE;
     struct batch b = {.run = r, .items = sg_alloc(r->ctx, SG_MEM_MISC, room, sizeof(*b.items))};
     int error =
         b.items ? sg_poisoned_scene_begin(r->ctx, r->scene, &p->files, p->folder) : SG_ERR_BUDGET;
-    /* The training views are written last: if a scene names a photo in both splits, the file is the
-     * poison. */
     for (size_t k = 0; k < n && !error;)
         error = write_batch(&b, room, chosen, &k, images, t);
     sg_free(b.items);

@@ -95,7 +95,7 @@ static DIR *open_folder(int at, const char *name, int links)
     return d;
 }
 
-/* Whether a name is NAME.tmpPID for a file that runs and attacks write. */
+/* Whether a name is NAME.tmpNUMBER for a file that runs and attacks write. */
 static bool is_temporary(const char *file)
 {
     static const char *const names[] = {
@@ -104,9 +104,9 @@ static bool is_temporary(const char *file)
         "point_cloud.ply", "exposure.json", "networks.safetensors"};
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
         const size_t n = strlen(names[i]);
-        long pid;
+        unsigned long long number;
         char rest;
-        if (!strncmp(file, names[i], n) && sscanf(file + n, ".tmp%ld%c", &pid, &rest) == 1)
+        if (!strncmp(file, names[i], n) && sscanf(file + n, ".tmp%llu%c", &number, &rest) == 1)
             return true;
     }
     return false;

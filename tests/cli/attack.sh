@@ -86,13 +86,15 @@ ls jpeg/images/*.jpg >/dev/null || fail "no JPEG"
 expect 0 train jpeg -o victim $(once $short --force --iterations 20)
 expect 0 attack scene/colmap -o png $options --method noise --save png --epsilon 8 --downscale 2 --ratio 0.5 --views train
 grep -q '"linf_max": 8.0' png/poison.json || fail "the bound of noise"
+grep -q '"poisoned_images": 3' png/poison.json || fail "the ratio: $(grep poisoned_images png/poison.json)"
+expect 0 train png -o victim $(once $short --force --iterations 20 --eval)
 for threads in 1 5; do
     expect 0 attack scene/colmap -o "png$threads" $options --method noise --save png --epsilon 8 --downscale 2 --ratio 0.5 --views train \
         -j $threads
+    grep -v '"threads"\|"peak_rss_bytes"' "png$threads/poison.json" >"of-$threads.json"
 done
 diff -r png1/images png5/images || fail "images depend on the number of threads that write them"
-grep -q '"poisoned_images": 3' png/poison.json || fail "the ratio: $(grep poisoned_images png/poison.json)"
-expect 0 train png -o victim $(once $short --force --iterations 20 --eval)
+cmp of-1.json of-5.json || fail "what is said of the images depends on the number of threads"
 expect 0 attack scene/colmap -o spared $options --method noise --save png --spare 1
 grep -q '"linf_max": 0.0' spared/poison.json || fail "--spare 1 changes photos"
 expect 0 attack scene/colmap -o spared $options --method noise --save png --spare 0.5 --force
