@@ -145,6 +145,7 @@ void main()
                 for (uint row = 0; row < ROWS; row++) {
                     if (!with_part(VK_WITHOUT_PAIRS)) {
                         row_w[block][row][q] = row_weight[block][row][q] = 0.0;
+                        todo &= todo - 1;
                         continue;
                     }
                     const uint k = findLSB(todo) & VK_BATCH - 1;
@@ -192,7 +193,7 @@ void main()
             for (uint b = 0; b < VK_BLOCKS && with_part(VK_WITHOUT_SUMS); b++)
                 if ((batch_rows[b] >> k & 1) != 0)
                     s += sums[b][k][j];
-            if (!with_part(VK_WITHOUT_SUMS)) /* something that depends on the pixels */
+            if (!with_part(VK_WITHOUT_SUMS) && j == 0) /* something that depends on the pixels */
                 s = row_w[k % VK_BLOCKS][0][k] + row_weight[k % VK_BLOCKS][0][k];
             parts[k][j] = s; /* of the batch: those of the rounds have been read */
         }
