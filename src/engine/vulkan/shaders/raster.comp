@@ -57,14 +57,7 @@ void main()
         if (t == 0)
             open_pixels = 0;
         barrier(); /* lists are empty */
-        [[unroll]] for (uint p = 0; p < STAGE_PASSES; p++) {
-            const uint item = t + p * INVOCATIONS, k = item / STAGES, part = item % STAGES;
-            if (k < n) {
-                const uint i = a.instances.v[2 * (at + k)];
-                batch_stage(a.splats, i, k, part);
-                batch_mark(a.splats, i, k, part, x0, y0);
-            }
-        }
+        batch_read(a.splats, a.instances, at, n, x0, y0);
         barrier(); /* the batch is staged */
         if (t < VK_BLOCKS)
             a.units.v[unit_at(first_unit, at - first) + t] = batch_rows[t];

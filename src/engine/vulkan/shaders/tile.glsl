@@ -73,6 +73,20 @@ void batch_mark(Floats splats, uint i, uint k, uint row, uint x0, uint y0)
         atomicOr(batch_rows[2 * row + 1], 1u << k);
 }
 
+/* Stages and marks a batch: n instances from number `at` on. The lists are empty before. */
+void batch_read(Floats splats, Uints instances, uint at, uint n, uint x0, uint y0)
+{
+    [[unroll]] for (uint p = 0; p < STAGE_PASSES; p++) {
+        const uint item = gl_LocalInvocationID.x + p * INVOCATIONS;
+        const uint k = item / STAGES, part = item % STAGES;
+        if (k < n) {
+            const uint i = instances.v[2 * (at + k)];
+            batch_stage(splats, i, k, part);
+            batch_mark(splats, i, k, part, x0, y0);
+        }
+    }
+}
+
 /* Opacity of a pair before its bound, and the alpha that is drawn. */
 struct pair {
     float raw, alpha;
