@@ -49,6 +49,41 @@ static void test_order(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* More items than one thread sorts at a time, at few places: equal ones keep their order, and the
+ * number of threads changes nothing. */
+static void test_equal_places(void **state)
+{
+    (void) state;
+    enum { ITEMS = 150000, PLACES = 97 };
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, PLACES, 0, 3);
+    uint32_t *source = malloc(ITEMS * sizeof(*source)), *order = malloc(ITEMS * sizeof(*order)),
+             *first = malloc(ITEMS * sizeof(*first));
+    uint8_t *seen = calloc(ITEMS, 1);
+    for (uint32_t i = 0; i < ITEMS; i++)
+        source[i] = (uint32_t) ((uint64_t) i * i % PLACES);
+    const struct sg_places places = {m->params, PLACES, NULL, sg_param_count(0), 0};
+    for (int threads = 1; threads <= 4; threads += 3) {
+        sg_ctx *own;
+        assert_int_equal(sg_ctx_create(&own, &(struct sg_ctx_params){.threads = threads}), SG_OK);
+        assert_int_equal(sg_morton_order(own, &places, source, ITEMS, threads == 1 ? first : order),
+                         SG_OK);
+        assert_int_equal(sg_mem_current(own, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&own);
+    }
+    assert_memory_equal(first, order, ITEMS * sizeof(*order));
+    for (size_t i = 0; i < ITEMS; i++) {
+        assert_true(order[i] < ITEMS && !seen[order[i]]++);
+        assert_true(!i || source[order[i]] != source[order[i - 1]] || order[i] > order[i - 1]);
+    }
+    free(source);
+    free(order);
+    free(first);
+    free(seen);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 static int by_bits(const void *a, const void *b)
 {
     return memcmp(a, b, 3 * sizeof(float));
@@ -179,7 +214,8 @@ static void test_edit_memory(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_order), cmocka_unit_test(test_edit),
-                                       cmocka_unit_test(test_edit_memory)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_order), cmocka_unit_test(test_equal_places),
+        cmocka_unit_test(test_edit), cmocka_unit_test(test_edit_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

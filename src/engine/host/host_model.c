@@ -283,7 +283,7 @@ int sg_host_plan_edit(sg_ctx *ctx, const struct sg_host_model *h, const struct s
             m->source[to++] = (uint32_t) i;
     for (size_t i = 0; i < e->appended; i++)
         m->source[to++] = e->source[i] + (e->kind[i] == SG_EDIT_INSERT ? (uint32_t) h->count : 0);
-    for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; i < count && count < ORDER_FROM; i++)
         m->order[i] = (uint32_t) i;
     const struct sg_places places = {.params = h->at[SG_C_PARAMETERS],
                                      .count = h->count,

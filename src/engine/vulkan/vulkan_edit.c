@@ -11,43 +11,92 @@ struct edit_job {
     struct gpu_buffer words, children;
 };
 
-/* Words of the rows, and the children. h: the planes up to the rotation. */
-static int put_moves(struct vulkan_engine *e, const struct sg_host_model *h, struct edit_job *j)
+/* Words of the rows, and the children. Each piece numbers its children from its first one on. */
+struct move_job {
+    const struct sg_host_model *h; /* planes up to the rotation */
+    const struct sg_moves *moves;
+    uint32_t *words, *first_child;
+    float *children;
+};
+
+#define PIECE 4096 /* rows */
+
+static size_t piece_end(const struct move_job *j, size_t piece)
 {
-    sg_ctx *ctx = e->base.ctx;
+    return (piece + 1) * PIECE < j->moves->count ? (piece + 1) * PIECE : j->moves->count;
+}
+
+static void count_children(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct move_job *j = arg;
+    uint32_t n = 0;
+    for (size_t i = piece * PIECE; i < piece_end(j, piece); i++)
+        n += sg_moves_kind(j->moves, j->moves->order[i]) == SG_EDIT_CHILD;
+    j->first_child[piece] = n;
+}
+
+static void make_moves(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct move_job *j = arg;
     const struct sg_moves *m = j->moves;
-    size_t children = 0;
-    for (size_t i = 0; i < m->edit->appended; i++)
-        children += m->edit->kind[i] == SG_EDIT_CHILD;
-    const size_t blocks = sg_blocks(children), floats = (size_t) SG_P_SH * SG_LANES;
-    uint32_t *words = sg_alloc_raw(ctx, SG_MEM_MODEL, m->count, 2 * sizeof(*words));
-    float *made = sg_alloc(ctx, SG_MEM_MODEL, blocks, floats * sizeof(*made));
-    int code = (words || !m->count) && (made || !blocks) ? SG_OK : SG_ERR_BUDGET;
-    uint32_t child = 0;
-    for (size_t i = 0; i < m->count && !code; i++) {
+    uint32_t child = j->first_child[piece];
+    for (size_t i = piece * PIECE; i < piece_end(j, piece); i++) {
         const size_t item = m->order[i], source = m->source[item];
         const enum sg_edit_kind kind = sg_moves_kind(m, item);
-        words[2 * i] = (uint32_t) (kind == SG_EDIT_INSERT ? source - h->count : source);
-        words[2 * i + 1] = kind | child << 2;
+        j->words[2 * i] = (uint32_t) (kind == SG_EDIT_INSERT ? source - j->h->count : source);
+        j->words[2 * i + 1] = kind | child << 2;
         if (kind != SG_EDIT_CHILD)
             continue;
-        const float *from = h->at[SG_C_PARAMETERS] + sg_param_index(SG_P_SH, source, 0);
-        float *to = made + sg_param_index(SG_P_SH, child++, 0);
+        const float *from = j->h->at[SG_C_PARAMETERS] + sg_param_index(SG_P_SH, source, 0);
+        float *to = j->children + sg_param_index(SG_P_SH, child++, 0);
         for (int p = 0; p < SG_P_SH; p++)
             to[p * SG_LANES] = from[p * SG_LANES];
         sg_host_make_child(to, m->edit, item - m->edit->kept);
     }
+}
+
+static int put_moves(struct vulkan_engine *e, const struct sg_host_model *h, struct edit_job *job)
+{
+    sg_ctx *ctx = e->base.ctx;
+    const struct sg_moves *m = job->moves;
+    uint32_t children = 0;
+    for (size_t i = 0; i < m->edit->appended; i++)
+        children += m->edit->kind[i] == SG_EDIT_CHILD;
+    const size_t blocks = sg_blocks(children), floats = (size_t) SG_P_SH * SG_LANES,
+                 pieces = (m->count + PIECE - 1) / PIECE;
+    struct move_job j = {
+        .h = h,
+        .moves = m,
+        .words = sg_alloc_raw(ctx, SG_MEM_MODEL, m->count, 2 * sizeof(*j.words)),
+        .first_child = sg_alloc_raw(ctx, SG_MEM_MODEL, pieces, sizeof(*j.first_child)),
+        .children = sg_alloc(ctx, SG_MEM_MODEL, blocks, floats * sizeof(*j.children))};
+    int code = (j.words && j.first_child) || !m->count ? SG_OK : SG_ERR_BUDGET;
+    if (blocks && !j.children)
+        code = SG_ERR_BUDGET;
+    if (!code) {
+        uint32_t sum = 0;
+        sg_parallel_for(ctx, pieces, count_children, &j);
+        for (size_t piece = 0; piece < pieces; piece++) {
+            const uint32_t here = j.first_child[piece];
+            j.first_child[piece] = sum;
+            sum += here;
+        }
+        sg_parallel_for(ctx, pieces, make_moves, &j);
+    }
     const uint64_t bytes = 8 * (uint64_t) m->count, child_bytes = 4 * (uint64_t) blocks * floats;
     if (!code)
-        code = sg_gpu_reserve(e->gpu, SG_MEM_MODEL, &j->words, bytes);
+        code = sg_gpu_reserve(e->gpu, SG_MEM_MODEL, &job->words, bytes);
     if (!code)
-        code = sg_gpu_reserve(e->gpu, SG_MEM_MODEL, &j->children, child_bytes);
+        code = sg_gpu_reserve(e->gpu, SG_MEM_MODEL, &job->children, child_bytes);
     if (!code)
-        code = sg_gpu_write(e->gpu, &j->words, 0, words, bytes);
+        code = sg_gpu_write(e->gpu, &job->words, 0, j.words, bytes);
     if (!code)
-        code = sg_gpu_write(e->gpu, &j->children, 0, made, child_bytes);
-    sg_free(words);
-    sg_free(made);
+        code = sg_gpu_write(e->gpu, &job->children, 0, j.children, child_bytes);
+    sg_free(j.words);
+    sg_free(j.first_child);
+    sg_free(j.children);
     return code;
 }
 
