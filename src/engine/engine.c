@@ -63,42 +63,7 @@ static int finish(struct sg_engine *e)
     return e->ops->finish ? e->ops->finish(e) : SG_OK;
 }
 
-/* ---- creation ---- */
-
-/* What an engine is to run on or with. */
-static const char *choice_of(const struct sg_engine_kind *kind, const char *name,
-                             const char *variant)
-{
-    if (!kind || !kind->devices)
-        return variant;
-    const char *colon = name ? strchr(name, ':') : NULL;
-    return colon ? colon + 1 : NULL;
-}
-
-int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant)
-{
-    if (sg_engine_is_auto(name, variant))
-        return SG_OK;
-    const struct sg_engine_kind *kind = sg_engine_find(ctx, name, variant);
-    if (!kind)
-        return SG_ERR_USAGE;
-    return kind->check ? kind->check(ctx, choice_of(kind, name, variant)) : SG_OK;
-}
-
-int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out)
-{
-    *out = NULL;
-    const struct sg_engine_kind *kind = sg_engine_find(ctx, name, variant);
-    if (!kind)
-        return SG_ERR_USAGE;
-    const int made = kind->create(ctx, choice_of(kind, name, variant), out);
-    if (!made && kind->devices && sg_engine_is_auto(name, variant))
-        sg_log(ctx, SG_LOG_INFO, "engine: auto takes %s: %s", kind->name, sg_engine_variant(*out));
-    if (!made)
-        sg_log(ctx, SG_LOG_DEBUG, "engine: %s, kernels %s, %d threads", kind->name,
-               sg_engine_variant(*out), sg_ctx_threads(ctx));
-    return made;
-}
+/* ---- the engine itself ---- */
 
 static void drop_photo(struct sg_engine *e, sg_photo photo)
 {

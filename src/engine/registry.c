@@ -78,6 +78,41 @@ const struct sg_engine_kind *sg_engine_find(sg_ctx *ctx, const char *name, const
     return kind;
 }
 
+/* What an engine is to run on or with. */
+static const char *choice_of(const struct sg_engine_kind *kind, const char *name,
+                             const char *variant)
+{
+    if (!kind || !kind->devices)
+        return variant;
+    const char *colon = name ? strchr(name, ':') : NULL;
+    return colon ? colon + 1 : NULL;
+}
+
+int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant)
+{
+    if (sg_engine_is_auto(name, variant))
+        return SG_OK;
+    const struct sg_engine_kind *kind = sg_engine_find(ctx, name, variant);
+    if (!kind)
+        return SG_ERR_USAGE;
+    return kind->check ? kind->check(ctx, choice_of(kind, name, variant)) : SG_OK;
+}
+
+int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out)
+{
+    *out = NULL;
+    const struct sg_engine_kind *kind = sg_engine_find(ctx, name, variant);
+    if (!kind)
+        return SG_ERR_USAGE;
+    const int made = kind->create(ctx, choice_of(kind, name, variant), out);
+    if (!made && kind->devices && sg_engine_is_auto(name, variant))
+        sg_log(ctx, SG_LOG_INFO, "engine: auto takes %s: %s", kind->name, sg_engine_variant(*out));
+    if (!made)
+        sg_log(ctx, SG_LOG_DEBUG, "engine: %s, kernels %s, %d threads", kind->name,
+               sg_engine_variant(*out), sg_ctx_threads(ctx));
+    return made;
+}
+
 bool sg_engine_give_way(sg_ctx *ctx, const char *name, const char *variant, int code)
 {
     const struct sg_engine_kind **chosen = sg_ctx_auto_engine(ctx);
