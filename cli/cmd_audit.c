@@ -145,9 +145,10 @@ const struct command command_audit = {
     .name = "audit",
     .arguments = "SCENE [options]",
     .summary = "Tells poisoned photos from clean ones, before training.",
-    .description = "Looks for the traces that attacks on the cost of training leave: fine "
-                   "oscillation everywhere in every photo. The exit status is 0 for every verdict, "
-                   "unless --exit-code is given.",
+    .description =
+        "Looks for the traces that attacks on the cost of training leave: fine "
+        "oscillation in whole photos or in parts of them. The exit status is 0 for every verdict, "
+        "unless --exit-code is given.",
     .groups = "Output|Scene",
     .options = audit_options,
     .parts = audit_parts,

@@ -35,7 +35,7 @@ static const struct sg_option train_options[] = {
                .group = "Model and loss", .expert = true),
     FLAG_ROW("view", T(view),
              "Print the address of a page that shows the training, and can pause and stop it.",
-             .group = "Run", .expert = true),
+             .group = "Run"),
     NUMBER_ROW("port", SG_OPTION_INT, T(port), 0, 65535, "N",
                "Port of that page; 0 = any that is free.", .group = "Run", .expert = true),
     {0},

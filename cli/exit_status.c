@@ -9,10 +9,12 @@ const struct exit_meaning exit_meanings[] = {
     {STATUS_INPUT, "a file or folder is missing, malformed or not writable; the message names it "
                    "and the place; or every Gaussian became transparent"},
     {STATUS_BUDGET, "out of memory, or --max-memory or --max-vram is too little"},
-    {STATUS_INTERNAL, "internal error"},
+    {STATUS_INTERNAL,
+     "internal error: please report it; or the GPU was lost: train --resume goes on"},
     {STATUS_POISONED, "the photos look poisoned (train --audit refuse, audit --exit-code)"},
     {STATUS_SUSPICIOUS, "the photos look suspicious (audit --exit-code)"},
-    {STATUS_INTERRUPTED, "interrupted, everything saved"},
+    {STATUS_INTERRUPTED,
+     "interrupted; train and attack have saved everything, other commands leave no output"},
     {0},
 };
 

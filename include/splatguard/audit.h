@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Detects poisoned photos before training, from the pixels alone: an attack that makes training
- * expensive has to fill every photo with fine oscillation, everywhere. */
+/* Detects poisoned photos before training, from the pixels alone: poisons that make training
+ * expensive leave fine oscillation. An attacker can limit it to parts of photos or to some photos;
+ * docs/audit.md has the limits. */
 #ifndef SPLATGUARD_AUDIT_H
 #define SPLATGUARD_AUDIT_H
 

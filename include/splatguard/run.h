@@ -32,7 +32,7 @@ enum sg_run_audit {
 struct sg_run_params {
     const char *source;           /* folder of the scene */
     const char *folder;           /* of the run */
-    const char *init;             /* PLY of the model to start from; NULL = points of the scene */
+    const char *init;             /* run or model file to start from; NULL = points of the scene */
     struct sg_scene_params scene; /* eval: the test views are held out and measured */
     /* tolerance, and rho, rho_least, frequency and lambda of its defense may be SG_TOLERANCE_AUTO
      * or SG_TOLERANCE_PRESET and SG_PRESET_*: the default. */
@@ -160,7 +160,7 @@ enum sg_attack_views { SG_ATTACK_ALL_VIEWS, SG_ATTACK_TRAIN_VIEWS };
 struct sg_attack_run_params {
     const char *source; /* folder of the scene */
     const char *folder; /* of the poisoned scene */
-    const char *proxy;  /* PLY or run folder; NULL = one is trained */
+    const char *proxy;  /* run or model file; NULL = one is trained */
     struct sg_scene_params scene;
     /* iterations, inner and update_interval may be SG_ATTACK_BY_PRESET: the default. */
     struct sg_attack_params attack;

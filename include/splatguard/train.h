@@ -334,7 +334,7 @@ SG_API int sg_trainer_iteration(const sg_trainer *trainer);
 /* The limits of the run, as far as they are known, and which of them were reached. */
 struct sg_train_limits {
     uint64_t max_gaussians;           /* 0 = none */
-    bool by_memory;                   /* max_gaussians follows from the context's max_memory */
+    bool by_memory;                   /* max_gaussians follows from max_memory or max_vram */
     bool gaussians_bound, time_bound; /* the limit was reached */
     uint64_t steps;                   /* iterations done, without those that were skipped */
 };

@@ -39,15 +39,15 @@ static const struct sg_option run_options[] = {
         SG_OPTION_BYTES, "max-vram", max_vram, 0, 9e15, "BYTES",
         "Most memory of the device that --engine vulkan runs on, likewise; 0 = nine tenths of "
         "what is free.",
-        GROUP("Budgets"), EXPERT),
+        GROUP("Budgets")),
     SG_CHOICE("audit", audit, "off|warn|refuse|defend", "MODE",
               "Look at the photos first (see `audit`): say what is found, refuse poisoned ones "
               "with exit status 5, or turn the defense on unless they are clean.",
               GROUP("Defense")),
     SG_CHOICE("preset", preset, "auto|ns|tt|mip", "NAME",
-              "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; "
-              "auto: a share of the run's own growth, and more lambda for photos that look more "
-              "poisoned (see `audit`).",
+              "auto: a tolerance for photos that are not clean (see --tolerance), for the others a "
+              "filter by the run's own growth and a lambda by the audit. ns, tt, mip: the paper's "
+              "rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360.",
               GROUP("Defense")),
     {0},
 };
@@ -105,7 +105,7 @@ static const struct sg_option attack_run_options[] = {
               "Against an audit: leave this share of each photo, from the left, as it is.",
               GROUP("Attack"), EXPERT),
     SG_TEXT("proxy", proxy, "MODEL",
-            "A model of the clean scene (PLY or run folder); else one is trained.",
+            "A model of the clean scene, or a run's newest; else one is trained.",
             GROUP("Proxy and decoy")),
     INTEGER("proxy-iterations", proxy_iterations, 1, 1e7,
             "Iterations of the proxy that is trained.", GROUP("Proxy and decoy")),

@@ -25,7 +25,7 @@ SG_READERS(R)
 #define FORMATS "auto" SG_READERS(R)
 
 static const struct sg_option scene_options[] = {
-    SG_CHOICE("format", format, FORMATS, "FORMAT", "Layout of the scene folder.", SCENE),
+    SG_CHOICE("format", format, FORMATS, "FORMAT", "Layout of the scene folder.", SCENE, EXPERT),
     SG_TEXT("images", images, "DIR", "COLMAP: image folder below the scene, e.g. images_4.", SCENE,
             .letter = 'i'),
     SG_NUMBER(SG_OPTION_INT, "resolution", resolution, -1, 16384, "R",
@@ -33,12 +33,12 @@ static const struct sg_option scene_options[] = {
               "target width.",
               SCENE, .letter = 'r', .nonzero = true),
     SG_NUMBER(SG_OPTION_DOUBLE, "downscale", downscale, 1, 64, "F",
-              "Divides the image size further.", SCENE, EXPERT),
+              "Divides the image size further.", SCENE),
     SG_FLAG("white-background", white_background,
             "White instead of black behind transparent images (not COLMAP's) and renders.", SCENE,
             .letter = 'w'),
     SG_NUMBER(SG_OPTION_INT, "test-every", test_every, 1, 1000000, "N",
-              "COLMAP, nerfstudio: every N-th view by name is a test view.", SCENE),
+              "COLMAP, nerfstudio: every N-th view by name is a test view.", SCENE, EXPERT),
     SG_FLAG("test-halves", test_halves,
             "Train on the left half of each test photo too, and measure the right half, so that "
             "the photo's exposure or appearance is learned. For train with --eval.",

@@ -43,7 +43,7 @@ static const struct sg_option train_options[] = {
     INTEGER("iterations", iterations, 1, 1e7, "Training iterations.", RUN),
     SG_NUMBER(SG_OPTION_U64, "seed", seed, 0, 9e15, "S", "Seed of every random draw.", RUN,
               .any = true),
-    SG_OPTION_ENGINE(RUN, EXPERT),
+    SG_OPTION_ENGINE(RUN),
     SG_OPTION_CPU(RUN, EXPERT),
     COUNT("init-points", init_points, 4, 1e8, "Random points where the scene has none.",
           GROUP("Initialisation"), EXPERT),
@@ -156,7 +156,8 @@ static const struct sg_option train_options[] = {
               BUDGETS),
     SG_SWITCH("defense", defense.on, "off|spectral", "NAME",
               "Against poisoned photos: prune Gaussians of high frequency, keep renders smooth and "
-              "even over directions.",
+              "even over directions. With --preset auto photos that are not clean have a tolerance "
+              "instead.",
               DEFENSE),
     SG_NUMBER(SG_OPTION_FLOAT, "tolerance", tolerance, 0, 255, "LEVELS|auto",
               "The loss compares a render with the nearest image that differs from the photo by "
@@ -188,7 +189,7 @@ static const struct sg_option train_options[] = {
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; growth:X = the "
            "share X of recent growth, up to 0.9, which -X means too; -1 = the preset's.",
-           DEFENSE, .words = "preset", .first_word = SG_PRESET_RHO, .negative = "growth"),
+           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_RHO, .negative = "growth"),
     DOUBLE("rho-least", defense.rho_least, 0, 0.5,
            "Least share that the filter removes at a time while --rho is a share of growth. It "
            "shrinks to 0 when densification ends, and holds only while the model is larger than "
@@ -250,7 +251,7 @@ static const struct sg_option train_options[] = {
     DOUBLE("lambda", defense.lambda, 0, 1e6,
            "Weight of the two losses on renders (auto: of photos that look poisoned, up to four "
            "times as much where they oscillate strongly); -1 = the preset's.",
-           DEFENSE, .words = "preset", .first_word = SG_PRESET_LAMBDA),
+           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_LAMBDA),
     DOUBLE("anisotropy-scale", defense.anisotropy_scale, 0, 1e6,
            "Times lambda: weight of the spectrum's anisotropy.", DEFENSE, EXPERT),
     DOUBLE("tv-scale", defense.tv_scale, 0, 1e6, "Times lambda: weight of the total variation.",

@@ -70,7 +70,7 @@ expect 1 train scene -o run --preset ns --rho=-0.95; says '--rho: found "-0.95",
 expect 2 train nowhere -o run --rho preset --rho-least=-1 --filter-frequency 0 --defense spectral; says nowhere
 expect 1 train scene -o run --band-low 0.9 --band-high 0.5 --defense spectral; says '--band-high: found 0.5, expected 0.9 to 1'
 expect 1 spectrum a.png --low 0.9 --high 0.1; says '--low: found 0.9, expected less than --high, 0.1'
-expect 0 train --help; tr '\n' ' ' <out | tr -s ' ' | grep -q 'at a time, 0 to 0.5; growth:X' || fail "--rho has no range"
+expect 0 train --help-all; tr '\n' ' ' <out | tr -s ' ' | grep -q 'at a time, 0 to 0.5; growth:X' || fail "--rho has no range"
 
 # Sizes and times. A size that is too small for the process is said in bytes.
 for size in 1K:1024 1k:1024 1KiB:1024 1kB:1000 1.5M:1572864 2MB:2000000 2mb:2000000 2MiB:2097152 0.25MiB:262144 \
