@@ -237,6 +237,70 @@ static void damaged_png(void **state)
     sg_free(data);
 }
 
+static uint32_t crc(const char *data, size_t n)
+{
+    uint32_t sum = UINT32_MAX;
+    for (size_t i = 0; i < n; i++) {
+        sum ^= (uint8_t) data[i];
+        for (int bit = 0; bit < 8; bit++)
+            sum = sum >> 1 ^ (sum & 1 ? 0xedb88320u : 0);
+    }
+    return ~sum;
+}
+
+/* The file with a chunk of n bytes after its header. */
+static char *insert_chunk(const char *png, size_t size, const char *name, uint32_t n, bool checked)
+{
+    const size_t header = 33;
+    char *out = calloc(1, size + 12 + n);
+    memcpy(out, png, header);
+    char *chunk = out + header;
+    for (int k = 0; k < 4; k++)
+        chunk[k] = (char) (n >> (24 - 8 * k));
+    memcpy(chunk + 4, name, 4);
+    const uint32_t sum = crc(chunk + 4, n + 4) ^ !checked;
+    for (int k = 0; k < 4; k++)
+        chunk[8 + n + (uint32_t) k] = (char) (sum >> (24 - 8 * k));
+    memcpy(chunk + 12 + n, png + header, size - header);
+    return out;
+}
+
+/* Texts and profiles are not looked at, whatever is in them. Errors say what is wrong. */
+static void png_chunks(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const passed_over[] = {"zTXt", "iTXt", "iCCP", "tEXt", "eXIf"};
+    struct sg_image image, plain;
+    char *data;
+    size_t size;
+    put_png(f, "a.png", 40, 30, 3, 1);
+    assert_int_equal(sg_file_read(f->ctx, at(f, "a.png"), MAX_PIXELS, &data, &size), SG_OK);
+    assert_int_equal(sg_image_decode(f->ctx, "a.png", data, size, MAX_PIXELS, &plain), SG_OK);
+    for (int k = 0; k < 10; k++) {
+        char *more = insert_chunk(data, size, passed_over[k / 2], 70000, k % 2);
+        assert_int_equal(sg_image_decode(f->ctx, "a.png", more, size + 70012, MAX_PIXELS, &image),
+                         SG_OK);
+        assert_memory_equal(image.pixels, plain.pixels, 40 * 30 * 3);
+        sg_image_clear(&image);
+        more[33] = 0x7f; /* longer than the file */
+        assert_int_equal(sg_image_decode(f->ctx, "a.png", more, size + 70012, MAX_PIXELS, &image),
+                         SG_ERR_INPUT);
+        sg_clear_error(f->ctx);
+        free(more);
+    }
+    for (int k = 0; k < 2; k++) { /* colours: 4 bytes are none, and a wrong checksum */
+        char *more = insert_chunk(data, size, "PLTE", k ? 3 : 4, !k);
+        const size_t bytes = size + 12 + (k ? 3 : 4);
+        assert_int_equal(sg_image_decode(f->ctx, "a.png", more, bytes, MAX_PIXELS, &image),
+                         SG_ERR_INPUT);
+        assert_non_null(strstr(sg_last_error(f->ctx), k ? "chunk checksum" : "chunk length"));
+        sg_clear_error(f->ctx);
+        free(more);
+    }
+    sg_image_clear(&plain);
+    sg_free(data);
+}
+
 static void bomb_is_refused_before_allocation(void **state)
 {
     struct fixture *f = *state;
@@ -364,15 +428,11 @@ static void float_map_refusals(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(every_kind_of_png),
-        scene_test(png_round_trip),
-        scene_test(float_map_refusals),
-        scene_test(jpeg_and_webp_by_content),
-        scene_test(damaged_jpeg),
-        scene_test(damaged_png),
-        scene_test(bomb_is_refused_before_allocation),
-        scene_test(flatten_truncates),
-        scene_test(resample_known_values),
+        scene_test(every_kind_of_png),  scene_test(png_round_trip),
+        scene_test(float_map_refusals), scene_test(jpeg_and_webp_by_content),
+        scene_test(damaged_jpeg),       scene_test(damaged_png),
+        scene_test(png_chunks),         scene_test(bomb_is_refused_before_allocation),
+        scene_test(flatten_truncates),  scene_test(resample_known_values),
         scene_test(pictures_in_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -10,10 +10,6 @@
 
 #include "core/file.h"
 
-/* Ancillary chunks (profiles, text) are of no use here; these bounds stop them from costing
- * memory. */
-#define PNG_CHUNK_BYTES (16u << 20)
-#define PNG_CACHE_BYTES (32u << 20)
 #define WEBP_ENCODER_BYTES 48 /* of libwebp for a pixel, measured 37, and for any image */
 #define WEBP_ENCODER_LEAST (14u << 20)
 #define WEBP_TABLE_BYTES 20000 /* five Huffman codes with the largest colour cache */
@@ -39,11 +35,55 @@ static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t heig
     return SG_OK;
 }
 
+#define PNG_SIGNATURE 8
+#define PNG_AROUND 12 /* of a chunk: length, name and checksum */
+
+/* A PNG without the chunks that are of no use here, such as texts and profiles: the library would
+ * unpack them, in memory that no limit knows of. */
+struct png_chunks {
+    const uint8_t *data;
+    size_t size, at, end; /* end: of the chunk */
+};
+
+static void next_chunk(struct png_chunks *c)
+{
+    static const char *const used[] = {"IHDR", "PLTE", "tRNS", "IDAT", "IEND"};
+    while (c->at == c->end && c->size - c->at >= PNG_AROUND) {
+        const uint8_t *p = c->data + c->at;
+        const size_t length = (size_t) p[0] << 24 | (size_t) p[1] << 16 | (size_t) p[2] << 8 | p[3],
+                     left = c->size - c->at - PNG_AROUND;
+        bool wanted = false;
+        for (size_t i = 0; i < sizeof(used) / sizeof(used[0]); i++)
+            wanted = wanted || !memcmp(p + 4, used[i], 4);
+        c->end += PNG_AROUND + (length < left ? length : left);
+        c->at = wanted ? c->at : c->end;
+    }
+    if (c->at == c->end)
+        c->end = c->size; /* less than a chunk: the library says so */
+}
+
+static int read_chunks(spng_ctx *png, void *from, void *to, size_t n)
+{
+    (void) png;
+    struct png_chunks *c = from;
+    for (size_t done = 0; done < n;) {
+        if (c->at == c->end)
+            next_chunk(c);
+        const size_t here = c->end - c->at, most = n - done < here ? n - done : here;
+        if (!most)
+            return SPNG_IO_EOF;
+        memcpy((uint8_t *) to + done, c->data + c->at, most);
+        c->at += most, done += most;
+    }
+    return 0;
+}
+
 static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t size,
                       uint64_t max_pixels, struct sg_image *out)
 {
     int code = SG_OK, failed;
     uint8_t *wide = NULL;
+    struct png_chunks chunks = {data, size, 0, size < PNG_SIGNATURE ? size : PNG_SIGNATURE};
     spng_ctx *png = spng_ctx_new(0);
     if (!png)
         return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the PNG decoder", name);
@@ -51,16 +91,19 @@ static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t si
     struct spng_trns trns;
     failed = spng_set_image_limits(png, SG_IMAGE_SIDE_MAX, SG_IMAGE_SIDE_MAX);
     if (!failed)
-        failed = spng_set_chunk_limits(png, PNG_CHUNK_BYTES, PNG_CACHE_BYTES);
-    if (!failed)
-        failed = spng_set_png_buffer(png, data, size);
+        failed = spng_set_png_stream(png, read_chunks, &chunks);
     if (!failed)
         failed = spng_get_ihdr(png, &ihdr);
     if (failed)
         goto bad;
+    const int transparent = spng_get_trns(png, &trns);
+    if (transparent && transparent != SPNG_ECHUNKAVAIL) {
+        failed = transparent;
+        goto bad;
+    }
     bool grey = ihdr.color_type == SPNG_COLOR_TYPE_GRAYSCALE;
     bool alpha = ihdr.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA ||
-                 ihdr.color_type == SPNG_COLOR_TYPE_TRUECOLOR_ALPHA || !spng_get_trns(png, &trns);
+                 ihdr.color_type == SPNG_COLOR_TYPE_TRUECOLOR_ALPHA || !transparent;
     code = allocate(ctx, name, ihdr.width, ihdr.height, alpha ? 4 : grey ? 1 : 3, max_pixels, out);
     if (code)
         goto done;
