@@ -2,6 +2,7 @@
 /* Progress functions: on the caller's thread, in order; cancelling at each of their calls ends with
  * SG_ERR_INTERRUPTED and leaves nothing. */
 #include <pthread.h>
+#include <sys/stat.h>
 
 #include "synth_scene.h"
 
@@ -196,6 +197,36 @@ TEST(train,
 TEST(train_anchors, 1u << SG_STAGE_TRAIN | 1u << SG_STAGE_COUNT | 1u << SG_STAGE_EVALUATE)
 TEST(attack, 1u << SG_STAGE_ATTACK | 1u << SG_STAGE_ASCEND | 1u << SG_STAGE_COUNT)
 
+/* A file of lines without a record is given up when the caller cancels. */
+static void test_long_text(void **state)
+{
+    (void) state;
+    struct watch w = {.cancel_at = 1};
+    struct sg_scene *scene;
+    char path[96], line[4096];
+    static const char *const folders[] = {"long", "long/sparse"}, *const files[] = {"images.txt",
+                                                                                    "cameras.txt"};
+    memset(line, '\n', sizeof(line));
+    for (int k = 0; k < 2; k++) {
+        snprintf(path, sizeof(path), "%s/%s", folder, folders[k]);
+        assert_int_equal(mkdir(path, 0777), 0);
+    }
+    for (int k = 0; k < 2; k++) {
+        snprintf(path, sizeof(path), "%s/long/sparse/%s", folder, files[k]);
+        FILE *f = fopen(path, "w");
+        assert_non_null(f);
+        for (int n = 0; n < 5000 * k; n++)
+            fwrite(line, 1, sizeof(line), f);
+        fclose(f);
+    }
+    snprintf(path, sizeof(path), "%s/long", folder);
+    sg_ctx *ctx = watched(1, &w);
+    assert_int_equal(sg_scene_load(ctx, path, NULL, &scene), SG_ERR_INTERRUPTED);
+    assert_int_equal(w.calls, 1);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
 /* A training and an attack that were cancelled between iterations continue to the same bytes. */
 static void test_goes_on(void **state)
 {
@@ -258,10 +289,11 @@ static void test_names(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_load),          cmocka_unit_test(test_audit),
-        cmocka_unit_test(test_synth),         cmocka_unit_test(test_train),
-        cmocka_unit_test(test_train_anchors), cmocka_unit_test(test_attack),
-        cmocka_unit_test(test_goes_on),       cmocka_unit_test(test_names),
+        cmocka_unit_test(test_load),   cmocka_unit_test(test_long_text),
+        cmocka_unit_test(test_audit),  cmocka_unit_test(test_synth),
+        cmocka_unit_test(test_train),  cmocka_unit_test(test_train_anchors),
+        cmocka_unit_test(test_attack), cmocka_unit_test(test_goes_on),
+        cmocka_unit_test(test_names),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

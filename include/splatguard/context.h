@@ -34,7 +34,7 @@ enum sg_mem_tag {
 /* Calls that can take more than a second report progress in these stages. The comments name the
  * units of `done` and `total`. A stage can be reported more than once, each time from 0. */
 enum sg_stage {
-    SG_STAGE_LOAD,     /* sg_scene_load: photos */
+    SG_STAGE_LOAD,     /* sg_scene_load: photos; 0 of 1 within large text files of COLMAP */
     SG_STAGE_AUDIT,    /* sg_audit_scene: photos */
     SG_STAGE_EVALUATE, /* sg_evaluate: renders; sg_model_bake: views */
     SG_STAGE_SYNTH,    /* sg_synth_write: pictures, then groups of points */

@@ -89,7 +89,7 @@ static size_t read_on(struct sg_source *s, char *to, size_t n)
 
 size_t sg_source_fill(struct sg_source *s, size_t n)
 {
-    if (!s->buffer)
+    if (!s->buffer || s->ready >= n)
         return s->ready;
     if (s->window != s->buffer) {
         memmove(s->buffer, s->window, s->ready);

@@ -13,9 +13,11 @@
 #define SHOWN 80 /* bytes of a line that messages quote */
 /* of a line that are kept: the tracks of points and the observations of images are longer */
 #define LINE_BYTES 4096
+#define CANCEL_BYTES (16u << 20) /* are read in a fraction of a second */
 
 struct lines {
     struct sg_source *in;
+    uint64_t seen;   /* bytes since the caller could last cancel */
     uint64_t number; /* of the line last returned, from 1 */
     size_t words;    /* in all of that line */
     bool cut;        /* the line was longer than what is kept */
@@ -25,11 +27,11 @@ struct lines {
 
 static int begin(sg_ctx *ctx, struct lines *l, struct sg_source *in)
 {
-    l->in = in, l->number = 0, l->code = SG_OK;
+    l->in = in, l->seen = 0, l->number = 0, l->code = SG_OK;
     return sg_source_skip_mark(ctx, in);
 }
 
-/* NULL at the end, and with a code where a line holds a zero byte. */
+/* NULL at the end, and with a code where a line holds a zero byte or the caller cancels. */
 static char *next_line(sg_ctx *ctx, struct lines *l)
 {
     struct sg_source *in = l->in;
@@ -41,6 +43,12 @@ static char *next_line(sg_ctx *ctx, struct lines *l)
     for (size_t ready; !whole && (ready = sg_source_fill(in, 1));) {
         const char *end = memchr(in->window, '\n', ready);
         const size_t n = end ? (size_t) (end - in->window) : ready;
+        l->seen += n + 1;
+        if (l->seen > CANCEL_BYTES) {
+            l->seen = 0;
+            if ((l->code = sg_progress(ctx, SG_STAGE_LOAD, 0, 1)))
+                return NULL;
+        }
         if (memchr(in->window, 0, n)) {
             l->code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found a zero byte, expected text",
                               in->path, (unsigned long long) l->number);
