@@ -320,6 +320,38 @@ static void nerfstudio_own_split(void **state)
     sg_scene_destroy(&s);
 }
 
+/* The sets of names of a split count in the memory, and are gone after loading. */
+static void nerfstudio_split_memory(void **state)
+{
+    struct fixture *f = *state;
+    enum { NAMES = 20000 };
+    uint64_t peak[2];
+    put_png(f, "images/a.png", 20, 10, 3, 1);
+    put_png(f, "images/b.png", 20, 10, 3, 2);
+    for (int used = 0; used < 2; used++) {
+        char *text = malloc(NAMES * 12 + 1000), *to = text;
+        to += sprintf(to, "{\"camera_angle_x\":1,\"%s_filenames\":[\"images/a.png\"",
+                      used ? "train" : "other");
+        for (int i = 0; i < NAMES; i++)
+            to += sprintf(to, ",\"%d\"", i);
+        sprintf(to, "],\"frames\":[" FRAME("images/a.png", 4) "," FRAME("images/b.png", 3) "]}");
+        put_text(f, "transforms.json", text);
+        free(text);
+        sg_ctx *ctx;
+        struct sg_scene *s;
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 1u << 30}),
+            SG_OK);
+        assert_int_equal(
+            sg_scene_load(ctx, f->dir, sg_scene_params(.eval = true, .test_every = 2), &s), SG_OK);
+        peak[used] = sg_mem_peak(ctx, SG_MEM_MISC);
+        sg_scene_destroy(&s);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+    assert_true(peak[1] >= peak[0] + 100 * NAMES);
+}
+
 /* Each test photo is there twice: its left half to train on, its right half to measure. */
 static void test_halves(void **state)
 {
@@ -454,6 +486,7 @@ int main(void)
         scene_test(resolution_rule),
         scene_test(nerfstudio),
         scene_test(nerfstudio_own_split),
+        scene_test(nerfstudio_split_memory),
         scene_test(masks),
         scene_test(test_halves),
         scene_test(test_halves_need_names),

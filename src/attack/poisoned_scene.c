@@ -206,7 +206,7 @@ static int put_split(sg_ctx *ctx, FILE *f, const struct sg_scene *scene,
                      const struct sg_poison_files *files)
 {
     struct sg_folder from;
-    json_t *train = NULL, *test = NULL;
+    struct sg_split_lists lists;
     int code = SG_OK;
     if (scene->n_test) {
         code =
@@ -219,15 +219,14 @@ static int put_split(sg_ctx *ctx, FILE *f, const struct sg_scene *scene,
         return SG_OK;
     if ((code = sg_folder_open(ctx, scene->path, scene->follow_links, &from)))
         return code;
-    code = sg_nerfstudio_lists(ctx, &from, &train, &test);
-    if (!code && train)
-        code =
-            put_names(ctx, f, "train_filenames", scene, files, scene->train, scene->n_train, train);
-    if (!code && test)
-        code =
-            put_names(ctx, f, "test_filenames", scene, files, scene->train, scene->n_train, test);
-    json_decref(train);
-    json_decref(test);
+    code = sg_nerfstudio_lists(ctx, &from, &lists);
+    if (!code && lists.train)
+        code = put_names(ctx, f, "train_filenames", scene, files, scene->train, scene->n_train,
+                         lists.train);
+    if (!code && lists.test)
+        code = put_names(ctx, f, "test_filenames", scene, files, scene->train, scene->n_train,
+                         lists.test);
+    sg_split_lists_clear(&lists);
     sg_folder_close(&from);
     return code;
 }

@@ -43,32 +43,56 @@ static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char
     return SG_OK;
 }
 
+#define NAME_ROOM 128 /* of a name in a set, besides its text */
+
+/* What sets of all names take. */
+static uint64_t bytes_of(const json_t *list)
+{
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < json_array_size(list); i++)
+        bytes += NAME_ROOM + json_string_length(json_array_get(list, i));
+    return bytes;
+}
+
+void sg_split_lists_clear(struct sg_split_lists *l)
+{
+    json_decref(l->train);
+    json_decref(l->test);
+    sg_free(l->room);
+    *l = (struct sg_split_lists){0};
+}
+
 /* The split of the file itself: the frames of its test list, or else of its validation list, are
  * held out. */
-static int get_lists(sg_ctx *ctx, const json_t *root, const char *file, json_t **train,
-                     json_t **test)
+static int get_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_split_lists *out)
 {
-    *train = *test = NULL;
-    int code = get_list(ctx, root, "train_filenames", file, train);
+    static const char *const keys[] = {"train_filenames", "test_filenames", "val_filenames"};
+    uint64_t bytes = 0;
+    *out = (struct sg_split_lists){0};
+    for (int k = 0; k < 3; k++)
+        bytes += bytes_of(json_object_get(root, keys[k]));
+    int code = sg_reserve(ctx, SG_MEM_MISC, bytes, &out->room);
     if (!code)
-        code = get_list(ctx, root, "test_filenames", file, test);
-    if (!code && !*test)
-        code = get_list(ctx, root, "val_filenames", file, test);
+        code = get_list(ctx, root, keys[0], file, &out->train);
+    if (!code)
+        code = get_list(ctx, root, keys[1], file, &out->test);
+    if (!code && !out->test)
+        code = get_list(ctx, root, keys[2], file, &out->test);
     return code;
 }
 
-int sg_nerfstudio_lists(sg_ctx *ctx, const struct sg_folder *dir, json_t **train, json_t **test)
+int sg_nerfstudio_lists(sg_ctx *ctx, const struct sg_folder *dir, struct sg_split_lists *out)
 {
     struct sg_transforms doc = {0};
     char *data = NULL;
     size_t size;
-    *train = *test = NULL;
+    *out = (struct sg_split_lists){0};
     char *file = sg_strf(ctx, "%s/transforms.json", dir->path);
     int code = file ? sg_transforms_read(ctx, dir, file, &data, &size) : SG_ERR_BUDGET;
     if (!code)
         code = sg_transforms_load(ctx, file, data, size, UINT64_MAX, &doc);
     if (!code)
-        code = get_lists(ctx, doc.root, file, train, test);
+        code = get_lists(ctx, doc.root, file, out);
     sg_transforms_clear(&doc);
     sg_free(data);
     sg_free(file);
@@ -78,21 +102,20 @@ int sg_nerfstudio_lists(sg_ctx *ctx, const struct sg_folder *dir, json_t **train
 /* Frames in no list are left out. */
 static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots)
 {
-    json_t *train, *test;
-    const int code = get_lists(ctx, root, file, &train, &test);
+    struct sg_split_lists l;
+    const int code = get_lists(ctx, root, file, &l);
     size_t unused = 0;
-    for (size_t i = 0; i < shots->count && (train || test) && !code; i++) {
+    for (size_t i = 0; i < shots->count && (l.train || l.test) && !code; i++) {
         struct sg_shot *shot = &shots->items[i];
-        const bool held_out = json_object_get(test, shot->file) != NULL;
+        const bool held_out = json_object_get(l.test, shot->file) != NULL;
         shot->split = held_out ? SG_SPLIT_TEST : SG_SPLIT_TRAIN;
-        shot->unused = !held_out && train && !json_object_get(train, shot->file);
+        shot->unused = !held_out && l.train && !json_object_get(l.train, shot->file);
         unused += shot->unused;
     }
     if (unused)
         sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames are in no split and stay unused", file,
                unused, shots->count);
-    json_decref(train);
-    json_decref(test);
+    sg_split_lists_clear(&l);
     return code;
 }
 

@@ -37,9 +37,14 @@ int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where,
  * none. */
 int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path);
 
-/* nerfstudio.c: the split that the scene's own file gives, as objects whose keys are the names of
- * its training and of its test photos, as struct sg_shot has them; NULL for a list that it lacks.
- * The caller releases both, also after a failure. */
-int sg_nerfstudio_lists(sg_ctx *ctx, const struct sg_folder *dir, json_t **train, json_t **test);
+/* nerfstudio.c: the split that the scene's own file gives. */
+struct sg_split_lists {
+    json_t *train, *test; /* objects whose keys are names as struct sg_shot has them; or NULL */
+    void *room;           /* their memory, in the ledger */
+};
+
+/* The caller clears *out, also after a failure. */
+int sg_nerfstudio_lists(sg_ctx *ctx, const struct sg_folder *dir, struct sg_split_lists *out);
+void sg_split_lists_clear(struct sg_split_lists *lists);
 
 #endif
