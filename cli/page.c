@@ -14,11 +14,12 @@ extern const char page_css[];
 void put_escaped(FILE *f, const char *text)
 {
     for (const char *c = text; *c;) {
-        const char shown = take_printable(&c);
-        if (strchr("<>&\"'", shown))
-            fprintf(f, "&#%d;", shown);
+        char shown[CHARACTER];
+        const size_t n = take_printable(&c, shown);
+        if (strchr("<>&\"'", *shown))
+            fprintf(f, "&#%d;", *shown);
         else
-            fputc(shown, f);
+            fwrite(shown, 1, n, f);
     }
 }
 

@@ -13,10 +13,11 @@ void put_text(FILE *f, enum format format, const char *text)
         return;
     }
     for (const char *c = text; *c;) {
-        const char shown = take_printable(&c);
-        if (strchr("|\\<>*`[]", shown))
+        char shown[CHARACTER];
+        const size_t n = take_printable(&c, shown);
+        if (strchr("|\\<>*`[]", *shown))
             fputc('\\', f);
-        fputc(shown, f);
+        fwrite(shown, 1, n, f);
     }
 }
 
@@ -299,10 +300,11 @@ static void put_csv_text(FILE *f, const char *text)
     fputs(quoted ? "\"" : "", f);
     fputs(*text && strchr("=+-@", *text) ? "'" : "", f);
     for (const char *c = text; *c;) {
-        const char shown = take_printable(&c);
-        if (shown == '"')
+        char shown[CHARACTER];
+        const size_t n = take_printable(&c, shown);
+        if (*shown == '"')
             fputc('"', f);
-        fputc(shown, f);
+        fwrite(shown, 1, n, f);
     }
     fputs(quoted ? "\"," : ",", f);
 }

@@ -309,14 +309,21 @@ static void test_first_error_wins(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Commands of terminals: below a space, 127, and those from 0x80 on, which UTF-8 has in two bytes.
- */
+/* Commands of terminals: below a space, 127, and those from 0x80 on, as bytes and as UTF-8 has
+ * them. Other UTF-8 stays, in all lengths; what is none does not. */
 static void test_printable(void **state)
 {
     (void) state;
     char text[] = "a\033[31m\n\177 \302\233 \303\251 \302";
     sg_make_printable(text);
-    assert_string_equal(text, "a?[31m?? ? \303\251 \302");
+    assert_string_equal(text, "a?[31m?? ? \303\251 ?");
+    char bytes[] = "\23331mx \205\205 \300\257 \355\240\200 \364\220\200\200 \370\210\200\200\200";
+    sg_make_printable(bytes);
+    assert_string_equal(bytes, "?31mx ?? ?? ??? ???? ?????");
+    char good[] = "\n\302\240\337\277\340\240\200\357\277\275\360\220\200\200\364\217\277\277";
+    sg_make_printable(good);
+    assert_string_equal(
+        good, "?\302\240\337\277\340\240\200\357\277\275\360\220\200\200\364\217\277\277");
 }
 
 static void test_context_parameters(void **state)

@@ -26,10 +26,13 @@ struct sg_failure {
  * not in a context. NULL ends that. For work that is repeated if it fails. */
 void sg_failures_apart(struct sg_failure *failure);
 
-/* Replaces control characters by "?", since messages quote file contents. */
+/* Replaces control characters, and bytes that are not UTF-8, by "?", since messages quote file
+ * contents. */
 void sg_make_printable(char *text);
-/* The byte to show for the character at *text, which moves on to what follows. */
-char sg_take_printable(const char **text);
+/* What to show for the character at *text, which moves on to what follows. shown: room for
+ * SG_CHARACTER bytes, or where the character itself is. Returns their number. */
+#define SG_CHARACTER 4
+size_t sg_take_printable(const char **text, char *shown);
 
 /* The beginning of any file as text: at most n bytes and a zero; bytes that are not ASCII become
  * "?". */

@@ -28,11 +28,12 @@ static void put_text(FILE *f, const char *name)
 {
     json_t *valid = sg_text_to_json(name);
     for (const char *c = valid ? json_string_value(valid) : ""; *c;) {
-        const char shown = sg_take_printable(&c);
-        if (strchr("<>&\"'", shown))
-            fprintf(f, "&#%d;", shown);
+        char shown[SG_CHARACTER];
+        const size_t n = sg_take_printable(&c, shown);
+        if (strchr("<>&\"'", *shown))
+            fprintf(f, "&#%d;", *shown);
         else
-            fputc(shown, f);
+            fwrite(shown, 1, n, f);
     }
     json_decref(valid);
 }
