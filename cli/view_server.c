@@ -64,7 +64,8 @@ struct view_server {
     struct request *waiting[WAITING]; /* the oldest first */
     int n_waiting;
     struct request *drawing;
-    char *scene, *state;
+    struct MHD_Response *scene; /* or NULL */
+    char *state;
     struct MHD_Response *model; /* or NULL */
     bool closing;
     atomic_int wish;
@@ -164,27 +165,30 @@ static enum MHD_Result say_status(struct MHD_Connection *c, unsigned status, con
 }
 
 /* A text that another thread may replace. */
-static enum MHD_Result send_json(view_server *s, struct MHD_Connection *c, char *const *text)
+static enum MHD_Result send_state(view_server *s, struct MHD_Connection *c)
 {
     pthread_mutex_lock(&s->lock);
-    struct MHD_Response *r =
-        *text ? mhd.create_response_from_buffer(strlen(*text), *text, MHD_RESPMEM_MUST_COPY) : NULL;
+    struct MHD_Response *r = s->state ? mhd.create_response_from_buffer(strlen(s->state), s->state,
+                                                                        MHD_RESPMEM_MUST_COPY)
+                                      : NULL;
     pthread_mutex_unlock(&s->lock);
     return r ? send_response(c, MHD_HTTP_OK, "application/json", r)
              : say_status(c, MHD_HTTP_SERVICE_UNAVAILABLE, "not yet\n");
 }
 
-/* Read from its file piece by piece. */
-static enum MHD_Result send_model(view_server *s, struct MHD_Connection *c)
+/* One answer for all who ask. */
+static enum MHD_Result send_shared(view_server *s, struct MHD_Connection *c,
+                                   struct MHD_Response *const *shared, unsigned status,
+                                   const char *without)
 {
     pthread_mutex_lock(&s->lock);
-    struct MHD_Response *r = s->model;
+    const enum MHD_Result done = *shared ? mhd.queue_response(c, MHD_HTTP_OK, *shared) : MHD_NO;
+    const bool there = *shared;
     pthread_mutex_unlock(&s->lock);
-    return r ? mhd.queue_response(c, MHD_HTTP_OK, r)
-             : say_status(c, MHD_HTTP_NOT_FOUND, "no model that a browser can draw\n");
+    return there ? done : say_status(c, status, without);
 }
 
-/* A picture on its way out counts in the context until its last byte is sent. */
+/* What is on its way out counts in the context until its last byte is sent. */
 struct outgoing {
     uint8_t *data;
     size_t size;
@@ -207,28 +211,36 @@ static void free_outgoing(void *cls)
     sg_mem_free(o);
 }
 
+/* An answer that owns its data. NULL: they are freed. */
+static struct MHD_Response *answer(view_server *s, uint8_t *data, size_t size)
+{
+    struct MHD_Response *r = NULL;
+    struct outgoing *o = sg_mem_alloc(s->ctx, SG_MEM_FRAME, 1, sizeof(*o));
+    if (o) {
+        *o = (struct outgoing){.data = data, .size = size};
+        r = mhd.create_response_from_callback(size, 1 << 15, read_outgoing, o, free_outgoing);
+    }
+    if (!r) {
+        sg_mem_free(data);
+        sg_mem_free(o);
+    }
+    return r;
+}
+
 /* Encoded here, so that the thread of the model goes on. */
 static enum MHD_Result send_picture(view_server *s, struct request *q)
 {
     void *data = NULL;
     size_t size = 0;
-    struct outgoing *o = NULL;
     struct MHD_Response *r = NULL;
     if (q->pixels && !sg_picture_encode(s->ctx, q->ask.still ? SG_PICTURE_PNG : SG_PICTURE_JPEG,
                                         q->pixels, q->width, q->height, &data, &size))
-        o = sg_mem_alloc(s->ctx, SG_MEM_FRAME, 1, sizeof(*o));
+        r = answer(s, data, size);
     sg_mem_free(q->pixels);
     q->pixels = NULL;
-    if (o) {
-        *o = (struct outgoing){.data = data, .size = size};
-        r = mhd.create_response_from_callback(size, 1 << 15, read_outgoing, o, free_outgoing);
-    }
-    if (r)
-        return send_response(q->connection, MHD_HTTP_OK, q->ask.still ? "image/png" : "image/jpeg",
-                             r);
-    sg_mem_free(data);
-    sg_mem_free(o);
-    return say_status(q->connection, MHD_HTTP_SERVICE_UNAVAILABLE, "cannot be drawn\n");
+    return r ? send_response(q->connection, MHD_HTTP_OK, q->ask.still ? "image/png" : "image/jpeg",
+                             r)
+             : say_status(q->connection, MHD_HTTP_SERVICE_UNAVAILABLE, "cannot be drawn\n");
 }
 
 /* ---- requests ---- */
@@ -249,7 +261,9 @@ static bool is_here(const view_server *s, const char *place)
     char here[32], local[32];
     snprintf(here, sizeof(here), "127.0.0.1:%d", s->port);
     snprintf(local, sizeof(local), "localhost:%d", s->port);
-    return !strcmp(place, here) || !strcmp(place, local);
+    const bool bare = s->port == 80 && /* which browsers leave out */
+                      (!strcmp(place, "127.0.0.1") || !strcmp(place, "localhost"));
+    return bare || !strcmp(place, here) || !strcmp(place, local);
 }
 
 static enum MHD_Result count_header(void *cls, enum MHD_ValueKind kind, const char *name,
@@ -339,11 +353,12 @@ static enum MHD_Result serve(view_server *s, struct request *q, const char *name
     if (!strcmp(name, "picture"))
         return queue_picture(s, q);
     if (!strcmp(name, "scene"))
-        return send_json(s, c, &s->scene);
+        return send_shared(s, c, &s->scene, MHD_HTTP_SERVICE_UNAVAILABLE, "not yet\n");
     if (!strcmp(name, "state"))
-        return send_json(s, c, &s->state);
+        return send_state(s, c);
     if (!strcmp(name, "model.ply"))
-        return send_model(s, c);
+        return send_shared(s, c, &s->model, MHD_HTTP_NOT_FOUND,
+                           "no model that a browser can draw\n");
     for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++)
         if (!strcmp(name, files[i].name))
             return send_text(c, MHD_HTTP_OK, files[i].type, files[i].text);
@@ -444,7 +459,29 @@ void view_server_answer(view_server *s, uint8_t *pixels, int width, int height)
         sg_mem_free(pixels);
 }
 
-static void set_text(view_server *s, char **text, const char *json)
+/* What was there before ends with those who still get it. */
+static void share(view_server *s, struct MHD_Response **shared, struct MHD_Response *r,
+                  const char *type)
+{
+    if (r)
+        add_headers(r, type);
+    pthread_mutex_lock(&s->lock);
+    struct MHD_Response *old = *shared;
+    *shared = r;
+    pthread_mutex_unlock(&s->lock);
+    if (old)
+        mhd.destroy_response(old);
+}
+
+void view_server_set_scene(view_server *s, const char *json)
+{
+    const size_t n = strlen(json);
+    uint8_t *copy = sg_mem_alloc(s->ctx, SG_MEM_MISC, n, 1);
+    if (copy)
+        share(s, &s->scene, answer(s, memcpy(copy, json, n), n), "application/json");
+}
+
+void view_server_set_state(view_server *s, const char *json)
 {
     const size_t n = strlen(json) + 1;
     char *copy = sg_mem_alloc(s->ctx, SG_MEM_MISC, n, 1);
@@ -452,20 +489,10 @@ static void set_text(view_server *s, char **text, const char *json)
         return;
     memcpy(copy, json, n);
     pthread_mutex_lock(&s->lock);
-    char *old = *text;
-    *text = copy;
+    char *old = s->state;
+    s->state = copy;
     pthread_mutex_unlock(&s->lock);
     sg_mem_free(old);
-}
-
-void view_server_set_scene(view_server *s, const char *json)
-{
-    set_text(s, &s->scene, json);
-}
-
-void view_server_set_state(view_server *s, const char *json)
-{
-    set_text(s, &s->state, json);
 }
 
 bool view_server_draws(void)
@@ -480,15 +507,11 @@ bool view_server_draws(void)
 void view_server_set_model(view_server *s, int fd)
 {
     struct stat info;
-    struct MHD_Response *r =
+    struct MHD_Response *r = /* read from its file piece by piece */
         fstat(fd, &info) ? NULL : mhd.create_response_from_fd((size_t) info.st_size, fd);
-    if (r)
-        add_headers(r, "application/octet-stream");
-    else
+    if (!r)
         close(fd);
-    pthread_mutex_lock(&s->lock);
-    s->model = r;
-    pthread_mutex_unlock(&s->lock);
+    share(s, &s->model, r, "application/octet-stream");
 }
 
 enum view_wish view_server_wish(const view_server *s)
@@ -577,9 +600,10 @@ void view_server_close(view_server **server)
         mhd.stop_daemon(s->daemon);
     if (s->model)
         mhd.destroy_response(s->model);
+    if (s->scene)
+        mhd.destroy_response(s->scene);
     pthread_mutex_destroy(&s->lock);
     pthread_cond_destroy(&s->more);
-    sg_mem_free(s->scene);
     sg_mem_free(s->state);
     sg_mem_free(s);
     *server = NULL;
