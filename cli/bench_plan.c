@@ -178,7 +178,7 @@ static void add_folder(const char *path, int depth, struct print *p)
         struct stat st;
         if (e->d_name[0] == '.' ||
             snprintf(child, sizeof(child), "%s/%s", path, e->d_name) >= (int) sizeof(child) ||
-            stat(child, &st))
+            lstat(child, &st) || S_ISLNK(st.st_mode)) /* links could lead around in circles */
             continue;
         if (S_ISDIR(st.st_mode))
             add_folder(child, depth + 1, p);

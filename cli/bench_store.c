@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/utsname.h>
 #include <unistd.h>
 
@@ -203,9 +204,16 @@ static int upgrade(struct store *s)
 
 int store_open(const char *path, bool must_exist, struct store **out)
 {
+    struct stat st;
     struct store *s = *out = calloc(1, sizeof(*s));
     if (!s || !(s->path = strdup(path)))
         return no_memory();
+    const bool there = !stat(path, &st);
+    if (there && (!S_ISREG(st.st_mode) || (must_exist && !st.st_size))) {
+        say(stderr, "splatguard: %s: found %s, expected a database of splatguard bench\n", path,
+            S_ISREG(st.st_mode) ? "an empty file" : "what is no file");
+        return STATUS_INPUT;
+    }
     const int flags =
         must_exist ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
     if (sqlite3_open_v2(path, &s->db, flags, NULL))

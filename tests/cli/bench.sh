@@ -124,6 +124,12 @@ expect 0 bench forms.json --list && sort out >forms
 cmp -s plan.json forms.json && fail "the plan has the forms that it had"
 expect 0 bench plan.json --list && sort out | cmp - forms || fail "other jobs: $(cat forms)"
 
+# Links in a scene's folder that lead around in circles are not followed.
+mkdir around && echo >around/photo && for i in 1 2 3 4 5 6 7 8 9; do ln -s . around/$i; done
+sed 's/"synth": \[[^]]*\]/"path": "around"/' plan.json >around.json
+timeout 30 "$tool" bench around.json --list >out || fail "links in a scene: exit status $?"
+grep -q train out || fail "jobs of a folder with links are $(cat out)"
+
 # Parts of a plan are all of it; a script for a cluster.
 plan plan.json $n ''
 for i in 1 2 3; do "$tool" bench plan.json --list --shard $i/3; done | grep -c half >parts

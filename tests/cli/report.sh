@@ -49,6 +49,11 @@ expect 2 report none.db -o x; says 'none.db'
 expect 1 report r.db; says 'missing -o DIR'
 echo 'no database at all, but long enough to look at: 0123456789012345678901234567890123456789' >no.db
 expect 2 report no.db -o x; says 'no.db: file is not a database'
+: >empty.db
+expect 2 report empty.db -o x; says 'empty.db: found an empty file'
+mkfifo pipe.db # which must not be waited for
+expect 2 report pipe.db -o x; says 'pipe.db: found what is no file'
+expect 2 bench plan.json -o pipe.db -q; says 'pipe.db: found what is no file'
 [ ! -e x ] || fail "a failed report left something"
 
 # Nothing in a stranger's database runs.
