@@ -131,7 +131,7 @@ static PyType_Spec context_spec = {.name = "splatguard._core.Context",
 
 /* ---- handles ---- */
 
-static void release(struct handle *h, enum kind kind)
+static void destroy(struct handle *h, enum kind kind)
 {
     switch (kind) {
     case SCENE:
@@ -148,6 +148,24 @@ static void release(struct handle *h, enum kind kind)
         break;
     default:
         sg_attack_destroy(&h->attack);
+    }
+}
+
+/* As a call of the library, but within one of the same context. */
+static void release(struct handle *h, enum kind kind)
+{
+    struct context *c = h->context;
+    const unsigned long self = PyThread_get_thread_ident();
+    if (!c || atomic_load(&c->owner) == self)
+        destroy(h, kind);
+    else {
+        PyThreadState *thread = PyEval_SaveThread();
+        PyThread_acquire_lock(c->lock, WAIT_LOCK);
+        atomic_store(&c->owner, self);
+        destroy(h, kind);
+        atomic_store(&c->owner, 0);
+        PyThread_release_lock(c->lock);
+        PyEval_RestoreThread(thread);
     }
     Py_CLEAR(h->keep);
 }
@@ -414,7 +432,7 @@ bool params_set(const struct sg_option *rows, void *params, PyObject *dict, PyOb
         if (good) {
             char *n = PyBytes_AsString(name), expected[160] = "";
             const size_t length = strlen(n);
-            if (length && n[length - 1] == '_') /* lambda_ */
+            if (length > 1 && n[length - 1] == '_') /* lambda_; "_" alone is shared by all */
                 n[length - 1] = 0;
             const struct sg_option *row = sg_option_find(rows, n);
             if (!row)

@@ -207,6 +207,18 @@ def test_gil_is_free_and_contexts_are_independent():
         assert np.array_equal(models[1][name], values) and np.array_equal(models[2][name], values)
 
 
+def test_objects_end_while_another_thread_is_in_a_call():
+    context = sg.Context(threads=1)
+    renderer = sg.Renderer(model_of(3000, 3, context=context))
+    models = [model_of(300, 3, context=context) for _ in range(50)]
+    thread = threading.Thread(target=renderer.render, args=(camera(0, 2000),))
+    thread.start()
+    while models:
+        models.pop()
+    thread.join()
+    assert context.memory()["model"][0] > 0
+
+
 def test_a_callback_must_not_call_its_own_context():
     seen = []
 
@@ -438,6 +450,9 @@ def test_errors_have_classes_and_names():
         sg.train(scene_of(), iterations=-1)
     with pytest.raises(TypeError, match="iteratoins"):
         sg.train(scene_of(), iteratoins=1)
+    with pytest.raises(TypeError, match="'_'"):
+        sg.Scene.load("/nowhere", **{"_": 1})
+    assert "_".encode() == b"\x5f"  # of which the interpreter has one for all
     with pytest.raises(sg.InputError, match="/nowhere"):
         sg.Scene.load("/nowhere")
     context = sg.Context(max_memory=1 << 20)

@@ -281,6 +281,7 @@ void sg_lazy_photos_stop_reader(struct sg_lazy_photos *all)
         all->quit = all->runs = false;
         all->busy &= !all->next; /* what it was asked for and has not begun */
         all->next = NULL;
+        pthread_cond_broadcast(&all->changed); /* to those who wait for what was asked for */
     }
     if (all->ahead)
         drop(all->ahead);
