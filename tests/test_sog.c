@@ -157,7 +157,7 @@ static void refused(struct fixture *f, const char *meta, const char *why)
     put(f, "m.sog", a.bytes, a.size);
     assert_int_equal(sg_model_read(f->ctx, at(f, "m.sog"), 1 << 30, &m), SG_ERR_INPUT);
     assert_null(m);
-    if (!strstr(sg_last_error(f->ctx), "m.sog: ") || !strstr(sg_last_error(f->ctx), why))
+    if (!strstr(sg_last_error(f->ctx), "m.sog") || !strstr(sg_last_error(f->ctx), why))
         fail_msg("found \"%s\", expected \"%s\"", sg_last_error(f->ctx), why);
     free(a.bytes);
 }
@@ -187,6 +187,9 @@ static void test_refused(void **state)
     meta = make_meta("23", "\"count\":70,\"bands\":2");
     memcpy(strstr(meta, "\"quats.webp"), "\"sh0.webp\"  ", 12);
     refused(f, meta, "expected 252 to 255");
+    meta = make_meta("23", "\"count\":70,\"bands\":2");
+    memcpy(strstr(meta, "\"quats.webp"), "\"meta.json\" ", 12);
+    refused(f, meta, "m.sog/meta.json: "); /* which is no image */
 }
 
 /* A random change or end is read or refused, but harms nothing; the memory is bounded. */

@@ -263,10 +263,13 @@ int sg_zip_source(const struct sg_zip *z, const struct sg_zip_entry *e, const ch
                        "%s: zip: found %smethod %u, expected one that is stored or deflated and "
                        "not encrypted",
                        path, e->flags & ENCRYPTED ? "encryption and " : "", e->method);
-    if (e->size > max_bytes || e->size / SG_DEFLATE_RATIO > e->packed)
+    if (e->size > max_bytes)
+        return sg_fail(z->ctx, SG_ERR_INPUT, "%s: zip: found %u bytes, expected at most %llu", path,
+                       e->size, (unsigned long long) max_bytes);
+    if (e->size / SG_DEFLATE_RATIO > e->packed)
         return sg_fail(z->ctx, SG_ERR_INPUT,
-                       "%s: zip: found %u bytes packed in %u, expected at most %llu", path, e->size,
-                       e->packed, (unsigned long long) max_bytes);
+                       "%s: zip: found %u bytes packed in %u, expected at most %d times as many",
+                       path, e->size, e->packed, SG_DEFLATE_RATIO);
     int code = find_data(z, e, &at);
     struct unzip *u = code ? NULL : sg_alloc(z->ctx, SG_MEM_MISC, 1, sizeof(*u));
     if (!u)

@@ -135,11 +135,11 @@ int sg_model_write(sg_ctx *ctx, const struct sg_model *m, const char *path,
         choice.format = sg_model_format_of(path);
     int code = check_file(ctx, path, &choice);
     if (!code && choice.format == SG_MODEL_PLY)
-        return m->count ? sg_model_write_ply(ctx, m, path) : sg_model_check(ctx, m, path);
+        return m->count ? sg_model_write_ply(ctx, m, path) : sg_model_check(ctx, m, "model");
     if (!code)
         code = sg_model_refuse_anchors(ctx, m);
     if (!code)
-        code = sg_model_check(ctx, m, path);
+        code = sg_model_check(ctx, m, "model");
     if (!code)
         code = sg_file_create(ctx, &w, path);
     if (code)

@@ -124,7 +124,10 @@ static int read_image(const struct file *f, const char *part, size_t index, size
     if (code)
         return code;
     /* Images are nearly square: twice the pixels, and some for small ones, are enough. */
-    code = sg_image_decode(f->ctx, f->in->path, data, size, 2 * (uint64_t) n + (1 << 20), out);
+    char *path = sg_strf(f->ctx, "%s/%s", f->in->path, json_string_value(name));
+    code = path ? sg_image_decode(f->ctx, path, data, size, 2 * (uint64_t) n + (1 << 20), out)
+                : SG_ERR_BUDGET;
+    sg_free(path);
     sg_free(data);
     if (!code && ((size_t) out->width * (size_t) out->height < n || out->channels < 3))
         code = sg_fail(f->ctx, SG_ERR_INPUT,

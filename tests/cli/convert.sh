@@ -51,6 +51,9 @@ expect 1 convert $model m.ply --iteration 120; says "expected a run's folder"
 expect 2 convert missing.ply m.ply; says 'missing.ply'
 head -c 40 m.splat >cut.splat
 expect 2 convert cut.splat c.ply; says 'cut.splat: found 40 bytes, expected a multiple of 32'
+{ head -c 12 m.splat; printf '\0\0\300\177'; tail -c +17 m.splat | head -c 16; } >nan.splat
+expect 2 convert nan.splat nan.spz; says 'nan.splat: Gaussian 0: found scale_0 nan'
+[ ! -e nan.spz ] || fail "a failed convert left something"
 echo precious >kept.splat
 expect 2 convert run kept.splat; says 'kept.splat: found a file that is no picture or page of splatguard'
 [ "$(cat kept.splat)" = precious ] || fail "a file of others was replaced"
