@@ -3,6 +3,7 @@
 #include "core.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 PyObject *core_types[KINDS], *core_context_type;
@@ -91,9 +92,73 @@ static void free_object(PyObject *self)
     Py_DECREF((PyObject *) type);
 }
 
+struct dead {
+    struct dead *next;
+    enum kind kind;
+    void *object;
+    PyObject *keep;
+};
+
+static void destroy(enum kind kind, void *object)
+{
+    switch (kind) {
+    case SCENE:
+        sg_scene_destroy(&(struct sg_scene *){object});
+        break;
+    case MODEL:
+        sg_model_destroy(&(struct sg_model *){object});
+        break;
+    case RENDERER:
+        sg_renderer_destroy(&(sg_renderer *){object});
+        break;
+    case TRAINER:
+        sg_trainer_destroy(&(sg_trainer *){object});
+        break;
+    default:
+        sg_attack_destroy(&(sg_attack *){object});
+    }
+}
+
+/* With the context's lock and without the GIL, for which threads of an object may wait. */
+static struct dead *destroy_dead(struct context *c)
+{
+    struct dead *all = atomic_exchange(&c->dead, NULL);
+    for (struct dead *d = all; d; d = d->next)
+        destroy(d->kind, d->object);
+    return all;
+}
+
+/* With the GIL. */
+static void forget(struct dead *d)
+{
+    while (d) {
+        struct dead *next = d->next;
+        Py_XDECREF(d->keep);
+        free(d);
+        d = next;
+    }
+}
+
+/* Destroys what has ended. Where a call has the context, that does so at its end: it may wait for
+ * this thread, which is in one of its functions. */
+static void bury(struct context *c)
+{
+    while (atomic_load(&c->dead) && PyThread_acquire_lock(c->lock, NOWAIT_LOCK)) {
+        PyThreadState *thread = PyEval_SaveThread();
+        atomic_store(&c->owner, PyThread_get_thread_ident());
+        struct dead *d = destroy_dead(c);
+        atomic_store(&c->owner, 0);
+        PyThread_release_lock(c->lock);
+        PyEval_RestoreThread(thread);
+        forget(d);
+    }
+}
+
 static void context_dealloc(PyObject *self)
 {
     struct context *c = (struct context *) self;
+    if (c->lock)
+        bury(c);
     sg_ctx_destroy(&c->ctx);
     if (c->lock)
         PyThread_free_lock(c->lock);
@@ -131,43 +196,16 @@ static PyType_Spec context_spec = {.name = "splatguard._core.Context",
 
 /* ---- handles ---- */
 
-static void destroy(struct handle *h, enum kind kind)
-{
-    switch (kind) {
-    case SCENE:
-        sg_scene_destroy(&h->scene);
-        break;
-    case MODEL:
-        sg_model_destroy(&h->model);
-        break;
-    case RENDERER:
-        sg_renderer_destroy(&h->renderer);
-        break;
-    case TRAINER:
-        sg_trainer_destroy(&h->trainer);
-        break;
-    default:
-        sg_attack_destroy(&h->attack);
-    }
-}
-
-/* As a call of the library, but within one of the same context. */
 static void release(struct handle *h, enum kind kind)
 {
-    struct context *c = h->context;
-    const unsigned long self = PyThread_get_thread_ident();
-    if (!c || atomic_load(&c->owner) == self)
-        destroy(h, kind);
-    else {
-        PyThreadState *thread = PyEval_SaveThread();
-        PyThread_acquire_lock(c->lock, WAIT_LOCK);
-        atomic_store(&c->owner, self);
-        destroy(h, kind);
-        atomic_store(&c->owner, 0);
-        PyThread_release_lock(c->lock);
-        PyEval_RestoreThread(thread);
+    struct dead *d = malloc(sizeof(*d)); /* without memory it is never destroyed */
+    if (d) {
+        *d = (struct dead){atomic_load(&h->context->dead), kind, h->object, h->keep};
+        while (!atomic_compare_exchange_weak(&h->context->dead, &d->next, d))
+            ;
+        h->keep = NULL;
     }
-    Py_CLEAR(h->keep);
+    bury(h->context);
 }
 
 #define DEALLOC(name, kind)                                                                        \
@@ -288,9 +326,12 @@ bool call_end(struct call *call, int code)
     char message[1024] = "";
     if (code)
         strncat(message, sg_last_error(call->context->ctx), sizeof(message) - 1);
+    struct dead *d = destroy_dead(call->context);
     atomic_store(&call->context->owner, 0);
     PyThread_release_lock(call->context->lock);
     PyEval_RestoreThread(call->thread);
+    forget(d);
+    bury(call->context);  /* what ended in between */
     if (PyErr_Occurred()) /* of a callback: it is why the call ended */
         return false;
     if (!code)

@@ -17,11 +17,14 @@
 
 #include <splatguard/splatguard.h>
 
+struct dead; /* objects that ended, of which none is destroyed during a call */
+
 /* A context, and the lock that lets one thread at a time use it. */
 struct context {
     PyObject_HEAD sg_ctx *ctx;
     PyThread_type_lock lock;
     atomic_ulong owner; /* thread that is in a call, 0 = none */
+    _Atomic(struct dead *) dead;
     PyObject *log, *progress;
 };
 
@@ -30,6 +33,7 @@ struct handle {
     PyObject_HEAD struct context *context;
     PyObject *keep; /* a tuple or list, or NULL */
     union {
+        void *object;
         struct sg_scene *scene;
         struct sg_model *model;
         sg_renderer *renderer;

@@ -5,6 +5,8 @@ import math
 import os
 import re
 import signal
+import subprocess
+import sys
 import threading
 import time
 import types
@@ -207,16 +209,49 @@ def test_gil_is_free_and_contexts_are_independent():
         assert np.array_equal(models[1][name], values) and np.array_equal(models[2][name], values)
 
 
-def test_objects_end_while_another_thread_is_in_a_call():
-    context = sg.Context(threads=1)
-    renderer = sg.Renderer(model_of(3000, 3, context=context))
-    models = [model_of(300, 3, context=context) for _ in range(50)]
-    thread = threading.Thread(target=renderer.render, args=(camera(0, 2000),))
+def test_objects_end_while_a_call_has_their_context():
+    context = sg.Context(threads=2)
+    mine, others = [model_of(300, context=context)], [model_of(300, context=context)]
+    entered, gone, seen = threading.Event(), threading.Event(), []
+    armed = False
+
+    def image():
+        if armed:  # on any thread of the context, while the call waits for it
+            mine.clear()
+            entered.set()
+            seen.append(gone.wait(60))
+        return np.zeros((64, 64, 3), np.uint8)
+
+    scene = sg.Scene.build([sg.View(f"{k}", sg.Camera(64, 64, 64), image) for k in range(20)],
+                           context=context, keep_photos=1)
+    armed = True
+    thread = threading.Thread(target=sg.audit, args=(scene,), daemon=True)
     thread.start()
-    while models:
-        models.pop()
-    thread.join()
-    assert context.memory()["model"][0] > 0
+    assert entered.wait(60)
+    others.clear()  # does not wait for the call
+    gone.set()
+    thread.join(60)
+    assert not thread.is_alive() and seen and all(seen)
+    assert context.memory()["model"][0] == 0
+
+
+def test_the_process_ends_while_a_daemon_is_in_a_call():
+    program = """
+import threading, time
+import splatguard as sg
+context = sg.Context(threads=1)
+model = sg.Model(5, 0, context=context)
+entered = threading.Event()
+def image():
+    entered.set()
+    time.sleep(0.2)
+    return memoryview(bytes(48)).cast("B", (4, 4, 3))
+views = [sg.View(str(k), sg.Camera(4, 4, 4), image) for k in range(50)]
+threading.Thread(target=sg.Scene.build, args=(views,), kwargs={"context": context},
+                 daemon=True).start()
+entered.wait()
+"""
+    assert subprocess.run([sys.executable, "-c", program], timeout=120).returncode == 0
 
 
 def test_a_callback_must_not_call_its_own_context():
@@ -452,7 +487,7 @@ def test_errors_have_classes_and_names():
         sg.train(scene_of(), iteratoins=1)
     with pytest.raises(TypeError, match="'_'"):
         sg.Scene.load("/nowhere", **{"_": 1})
-    assert "_".encode() == b"\x5f"  # of which the interpreter has one for all
+    assert "_".encode()[0] == 0x5f  # the interpreter has one for all
     with pytest.raises(sg.InputError, match="/nowhere"):
         sg.Scene.load("/nowhere")
     context = sg.Context(max_memory=1 << 20)
