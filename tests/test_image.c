@@ -288,6 +288,11 @@ static void png_chunks(void **state)
         sg_clear_error(f->ctx);
         free(more);
     }
+    char *unknown = insert_chunk(data, size, "ABCD", 3, true); /* must be understood */
+    assert_int_equal(sg_image_decode(f->ctx, "a.png", unknown, size + 15, MAX_PIXELS, &image),
+                     SG_ERR_INPUT);
+    sg_clear_error(f->ctx);
+    free(unknown);
     for (int k = 0; k < 2; k++) { /* colours: 4 bytes are none, and a wrong checksum */
         char *more = insert_chunk(data, size, "PLTE", k ? 3 : 4, !k);
         const size_t bytes = size + 12 + (k ? 3 : 4);

@@ -38,8 +38,8 @@ static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t heig
 #define PNG_SIGNATURE 8
 #define PNG_AROUND 12 /* of a chunk: length, name and checksum */
 
-/* A PNG without the chunks that are of no use here, such as texts and profiles: the library would
- * unpack them, in memory that no limit knows of. */
+/* A PNG without the ancillary chunks that are of no use here, such as texts and profiles: the
+ * library would unpack them, in memory that no limit knows of. */
 struct png_chunks {
     const uint8_t *data;
     size_t size, at, end; /* end: of the chunk */
@@ -47,14 +47,12 @@ struct png_chunks {
 
 static void next_chunk(struct png_chunks *c)
 {
-    static const char *const used[] = {"IHDR", "PLTE", "tRNS", "IDAT", "IEND"};
     while (c->at == c->end && c->size - c->at >= PNG_AROUND) {
         const uint8_t *p = c->data + c->at;
         const size_t length = (size_t) p[0] << 24 | (size_t) p[1] << 16 | (size_t) p[2] << 8 | p[3],
                      left = c->size - c->at - PNG_AROUND;
-        bool wanted = false;
-        for (size_t i = 0; i < sizeof(used) / sizeof(used[0]); i++)
-            wanted = wanted || !memcmp(p + 4, used[i], 4);
+        /* Names of critical chunks begin with a capital. */
+        const bool wanted = !(p[4] & 0x20) || !memcmp(p + 4, "tRNS", 4);
         c->end += PNG_AROUND + (length < left ? length : left);
         c->at = wanted ? c->at : c->end;
     }
