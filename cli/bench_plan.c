@@ -178,9 +178,12 @@ static void add_folder(const char *path, int depth, struct print *p)
         struct stat st;
         if (e->d_name[0] == '.' ||
             snprintf(child, sizeof(child), "%s/%s", path, e->d_name) >= (int) sizeof(child) ||
-            lstat(child, &st) || S_ISLNK(st.st_mode)) /* links could lead around in circles */
+            lstat(child, &st))
             continue;
-        if (S_ISDIR(st.st_mode))
+        const bool link = S_ISLNK(st.st_mode); /* folders behind them could be this one again */
+        if (link && stat(child, &st))
+            continue;
+        if (S_ISDIR(st.st_mode) && !link)
             add_folder(child, depth + 1, p);
         else
             p->files++, p->bytes += st.st_size,

@@ -129,6 +129,8 @@ mkdir around && echo >around/photo && for i in 1 2 3 4 5 6 7 8 9; do ln -s . aro
 sed 's/"synth": \[[^]]*\]/"path": "around"/' plan.json >around.json
 timeout 30 "$tool" bench around.json --list >out || fail "links in a scene: exit status $?"
 grep -q train out || fail "jobs of a folder with links are $(cat out)"
+rm around/photo && ln -s "$PWD/plan.json" around/photo # a scene may be made of links
+expect 0 bench around.json --list
 
 # Parts of a plan are all of it; a script for a cluster.
 plan plan.json $n ''
