@@ -103,7 +103,7 @@ static int run_convert(const void *config, const bool *given, const char *const 
         error = sg_model_select(ctx, model, &c->selection, &kept);
     const size_t before = model ? model->count : 0;
     sg_model_destroy(&model);
-    if (!error && c->file.format != SG_MODEL_PLY) /* which keeps what is not finite */
+    if (!error && kept->count == before && c->file.format != SG_MODEL_PLY) /* which keeps NaN */
         error = sg_model_check(ctx, kept, path);
     if (!error)
         error = sg_model_write(ctx, kept, out, &c->file);

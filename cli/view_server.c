@@ -477,8 +477,9 @@ void view_server_set_scene(view_server *s, const char *json)
 {
     const size_t n = strlen(json);
     uint8_t *copy = sg_mem_alloc(s->ctx, SG_MEM_MISC, n, 1);
-    if (copy)
-        share(s, &s->scene, answer(s, memcpy(copy, json, n), n), "application/json");
+    struct MHD_Response *r = copy ? answer(s, memcpy(copy, json, n), n) : NULL;
+    if (r)
+        share(s, &s->scene, r, "application/json");
 }
 
 void view_server_set_state(view_server *s, const char *json)

@@ -21,7 +21,7 @@ struct lines {
     uint64_t number; /* of the line last returned, from 1 */
     size_t words;    /* in all of that line */
     bool cut;        /* the line was longer than what is kept */
-    int code;        /* the error of a file that is not text */
+    int code;        /* why reading ended early: no text, or the caller cancelled */
     char text[LINE_BYTES];
 };
 
