@@ -329,7 +329,7 @@ static void flatten_truncates(void **state)
 {
     (void) state;
     uint8_t pixels[] = {255, 10, 100, 255, 200, 200, 0, 128, 77, 88, 99, 0}, rgb[9];
-    struct sg_image image = {3, 1, 4, pixels};
+    struct sg_image image = {.width = 3, .height = 1, .channels = 4, .pixels = pixels};
     sg_image_flatten(&image, SG_ALPHA_ON_WHITE, rgb);
     /* 200 * 128/255 + 127 = 227.39; 0 + 127 */
     const uint8_t white[] = {255, 10, 100, 227, 227, 127, 255, 255, 255};
@@ -342,7 +342,8 @@ static void flatten_truncates(void **state)
     assert_memory_equal(rgb, black, 9);
     for (int v = 0; v < 256; v++) { /* opaque pixels pass unchanged */
         uint8_t one[4] = {(uint8_t) v, (uint8_t) v, (uint8_t) v, 255};
-        sg_image_flatten(&(struct sg_image){1, 1, 4, one}, SG_ALPHA_ON_WHITE, rgb);
+        sg_image_flatten(&(struct sg_image){.width = 1, .height = 1, .channels = 4, .pixels = one},
+                         SG_ALPHA_ON_WHITE, rgb);
         assert_int_equal(rgb[0], v);
     }
 }

@@ -113,7 +113,7 @@ static void looks_are_repeated(void **state)
 }
 
 /* The level is half as much again as what was measured, but at most what was given, unless more was
- * measured. */
+ * measured. Of photos that are known to be without lossy compression it is what was measured. */
 static void level_is_raised(void **state)
 {
     (void) state;
@@ -131,6 +131,20 @@ static void level_is_raised(void **state)
     }
     assert_true(levels[0] > 0.75 * EPSILON && levels[0] < 1.25 * EPSILON);
     assert_true(levels[1] == 12.5 && levels[2] == 1.5 * levels[0]);
+    for (size_t lossless = 0; lossless <= VIEWS; lossless++) {
+        static const float given[VIEWS] = {40, 40, 40,
+                                           40, 40, 0}; /* the last one is not looked at */
+        struct sg_train_params p = look_params();
+        struct sg_noise n;
+        p.tolerances = given;
+        for (size_t v = 0; v < VIEWS; v++)
+            f.views[v].lossless = v < lossless;
+        sg_trainer *t = begin_training(&f, &p);
+        assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+        const double lossy = lossless < VIEWS ? 1 - (double) lossless / (VIEWS - 1) : 0;
+        assert_float_equal(n.level, (1 + 0.5 * lossy) * levels[0], 1e-9);
+        sg_trainer_destroy(&t);
+    }
     clear_fixture(&f);
 }
 

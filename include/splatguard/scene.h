@@ -75,9 +75,10 @@ struct sg_view {
     /* The base name up to the first dot, as in the reference. If two are equal, all views have
      * their path without its ending instead, with "_" for "/". */
     char *name;
-    char *file;                  /* the photo as the scene's own files name it */
-    char *path;                  /* the file it was decoded from */
-    bool undistorted;            /* the distortion of the lens was removed from rgb */
+    char *file;       /* the photo as the scene's own files name it */
+    char *path;       /* the file it was decoded from */
+    bool undistorted; /* the distortion of the lens was removed from rgb */
+    bool lossless;    /* its file keeps every value: PNG, lossless WebP; false: not, or not known */
     struct sg_camera camera;     /* for the size of rgb */
     int file_width, file_height; /* size before any downscale, for cameras.json */
     /* height x width x 3, row-major, sRGB bytes as in the file, composited. NULL for a photo that
@@ -155,6 +156,8 @@ struct sg_view_desc {
                             all used. Default NULL. */
     size_t mask_stride;  /* bytes from row to row; 0 = camera.width. Default 0. */
     enum sg_view_split split; /* Default SG_SPLIT_AUTO. */
+    /* No lossy compression changed the photo: see the looks in docs/defense.md. Default false. */
+    bool lossless;
     /* Instead of rgb, which is then NULL: writes camera.height x camera.width x 3 bytes without
      * gaps. Returns 0, or another number if it cannot, which ends the call of the library with
      * SG_ERR_INPUT. It is called once in sg_scene_builder_add_view and again when pixels are needed

@@ -137,12 +137,15 @@ class View:
     or a function without arguments that returns them whenever the library needs the pixels (a lazy
     photo; it must return the same pixels each time). mask: height x width bytes, 0 = ignored, or
     None. split: "train", "test", or None to leave that to the parameters eval and test_every.
+    lossless: the photo is known to be without lossy compression, as PNG is; tolerance="auto" then
+    fits it more closely.
     """
 
-    __slots__ = ("name", "camera", "split", "file", "_image", "_mask", "_place")
+    __slots__ = ("name", "camera", "split", "lossless", "file", "_image", "_mask", "_place")
 
-    def __init__(self, name, camera, image, mask=None, split=None):
+    def __init__(self, name, camera, image, mask=None, split=None, lossless=False):
         self.name, self.camera, self.split, self.file = name, camera, split, ""
+        self.lossless = bool(lossless)
         self._image, self._mask, self._place = image, mask, None
         if split not in _SPLITS:
             raise UsageError(f'split: found {split!r}, expected None, "train" or "test"')
@@ -154,7 +157,8 @@ class View:
                              f"{sides} (height, width) as its camera")
         if self._mask is not None and _shape(self._mask, self.name + ": mask", None) != sides:
             raise UsageError(f"{self.name}: found a mask of another size than its camera")
-        return self.name, self.camera._numbers(), self._image, self._mask, _SPLITS[self.split]
+        return (self.name, self.camera._numbers(), self._image, self._mask, _SPLITS[self.split],
+                self.lossless)
 
     @property
     def image(self):
@@ -196,7 +200,8 @@ class Scene:
         self.test = [self._view(v, True, i) for i, v in enumerate(info["test"])]
 
     def _view(self, v, test, index):
-        view = View(v["name"], Camera._of(v["camera"]), None, split="test" if test else "train")
+        view = View(v["name"], Camera._of(v["camera"]), None, split="test" if test else "train",
+                    lossless=v["lossless"])
         view.file, view._mask, view._place = v["file"], v["masked"], (self._handle, test, index)
         return view
 

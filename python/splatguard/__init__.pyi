@@ -40,9 +40,11 @@ class View:
     name: str
     camera: Camera
     split: Optional[str]
+    lossless: bool
     file: str
     def __init__(self, name: str, camera: Camera, image: Union[Array, Callable[[], Array]],
-                 mask: Optional[Array] = ..., split: Optional[str] = ...) -> None: ...
+                 mask: Optional[Array] = ..., split: Optional[str] = ...,
+                 lossless: bool = ...) -> None: ...
     @property
     def image(self) -> Array: ...
     @property

@@ -78,20 +78,22 @@ static struct lazy *make_lazy(struct context *context, PyObject *function, size_
     return failed ? NULL : l;
 }
 
-/* item: (name, camera, image or function, mask or None, split). */
+/* item: (name, camera, image or function, mask or None, split, lossless). */
 static bool add_view(struct context *c, sg_scene_builder *b, PyObject *item, PyObject *keep)
 {
     const char *name;
     PyObject *camera, *image, *mask_object;
-    int split;
+    int split, lossless;
     struct array rgb = {0}, mask = {0};
     struct sg_view_desc v = {0};
-    if (!PyArg_ParseTuple(item, "sOOOi", &name, &camera, &image, &mask_object, &split) ||
+    if (!PyArg_ParseTuple(item, "sOOOip", &name, &camera, &image, &mask_object, &split,
+                          &lossless) ||
         !camera_read(&v.camera, camera))
         return false;
     const size_t pixels = (size_t) v.camera.width * (size_t) v.camera.height;
     v.name = name;
     v.split = (enum sg_view_split) split;
+    v.lossless = lossless;
     bool good = array_read(&mask, mask_object, 'B', pixels, "mask", true);
     v.mask = mask.data;
     if (good && PyCallable_Check(image)) {
@@ -164,8 +166,9 @@ static PyObject *view_dict(const struct sg_view *v)
     }
     PyObject *name = numbers ? PyUnicode_DecodeFSDefault(v->name) : NULL,
              *file = name ? PyUnicode_DecodeFSDefault(v->file ? v->file : "") : NULL,
-             *dict = file ? Py_BuildValue("{s:O,s:O,s:O,s:O}", "name", name, "file", file, "camera",
-                                          numbers, "masked", v->mask ? Py_True : Py_False)
+             *dict = file ? Py_BuildValue("{s:O,s:O,s:O,s:O,s:O}", "name", name, "file", file,
+                                          "camera", numbers, "masked", v->mask ? Py_True : Py_False,
+                                          "lossless", v->lossless ? Py_True : Py_False)
                           : NULL;
     Py_XDECREF(numbers);
     Py_XDECREF(name);

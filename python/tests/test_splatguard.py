@@ -96,11 +96,12 @@ def test_scene_has_what_was_put_in():
     points = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
     colors = np.arange(60, dtype=np.uint8).reshape(20, 3)
     scene = sg.Scene.build([sg.View("a", camera(0), photo(0), mask),
-                            sg.View("b", camera(1), photo(1), split="test"),
+                            sg.View("b", camera(1), photo(1), split="test", lossless=True),
                             sg.View("c", camera(2), lambda: photo(2))], points, colors)
     assert [v.name for v in scene.train] == ["a", "c"] and [v.name for v in scene.test] == ["b"]
     assert np.array_equal(scene.train[0].mask, mask) and scene.train[1].mask is None
     assert np.array_equal(scene.train[1].image, photo(2))
+    assert scene.test[0].lossless and not scene.train[0].lossless
     assert scene.test[0].camera.R == camera(1).R and scene.test[0].camera.t == (0, 0, 4)
     xyz, rgb = scene.points()
     assert np.array_equal(xyz, points) and np.array_equal(rgb, colors)

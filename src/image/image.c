@@ -247,6 +247,7 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
                         info.has_alpha ? 4 : 3, max_pixels, out);
     if (code)
         return code;
+    out->lossless = info.format == 2;
     /* The decoder's own pixels, and of lossless parts (alpha is one) its tables: one set for 4 x 4
      * pixels, each of at least 20 bits in the file. */
     const uint64_t pixels = (uint64_t) info.width * (uint64_t) info.height;
@@ -293,6 +294,7 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
     switch (signature_of(data, size)) {
     case PNG:
         code = decode_png(ctx, name, data, size, max_pixels, out);
+        out->lossless = true;
         break;
     case JPEG:
         code = decode_jpeg(ctx, name, data, size, max_pixels, out);

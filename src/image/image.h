@@ -10,6 +10,7 @@
 /* 8-bit pixels, row-major, interleaved; channels: 1 grey, 3 RGB, 4 RGBA (not premultiplied). */
 struct sg_image {
     int width, height, channels;
+    bool lossless; /* the file keeps every value: PNG, lossless WebP */
     uint8_t *pixels;
 };
 

@@ -254,7 +254,8 @@ int sg_scene_builder_add_view(sg_scene_builder *b, const struct sg_view_desc *d)
     if (code)
         return code;
     const int width = d->camera.width, height = d->camera.height;
-    struct sg_view view = {.camera = d->camera, .file_width = width, .file_height = height};
+    struct sg_view view = {
+        .camera = d->camera, .file_width = width, .file_height = height, .lossless = d->lossless};
     view.name = sg_strdup(ctx, d->name);
     view.file = sg_strdup(ctx, d->name);
     view.path = sg_strdup(ctx, d->name);

@@ -239,6 +239,7 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
     const size_t pixels = (size_t) width * (size_t) height;
     view->file_width = width;
     view->file_height = height;
+    view->lossless = image.lossless;
     if (image.channels == 3) { /* nothing to change: takes over the pixels */
         view->rgb = image.pixels;
         image.pixels = NULL;

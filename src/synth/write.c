@@ -150,7 +150,8 @@ static int write_colmap_picture(struct synth *s, int view, uint8_t *rgba)
 {
     if (s->place[view] < 0)
         return SG_OK;
-    const struct sg_image image = {s->p.width, s->p.height, 4, rgba};
+    const struct sg_image image = {
+        .width = s->p.width, .height = s->p.height, .channels = 4, .pixels = rgba};
     uint8_t *rgb =
         sg_alloc_raw(s->ctx, SG_MEM_IMAGES, (size_t) s->p.width * (size_t) s->p.height, 3);
     char *path = sg_strf(s->ctx, "%s/colmap/images/" SYNTH_COLMAP_NAME, s->dir, s->place[view]);

@@ -14,7 +14,7 @@
 #include "trainer.h"
 
 #define PHOTOS 32 /* most photos that are measured */
-#define RAISE 1.5
+#define RAISE 1.5 /* for lossy compression */
 
 /* Sums of absolute differences of photos and renders, in grey levels. */
 struct difference {
@@ -96,7 +96,7 @@ static double quantile(struct values *v, size_t quarters)
 struct findings {
     struct values levels, kurtosis, bounds;
     struct difference sum;
-    size_t photos;
+    size_t photos, lossless;
 };
 
 /* The median of the tolerances before all looks, of the photos that had one. */
@@ -123,14 +123,17 @@ static bool shows_bound(const struct findings *f)
 
 /* The tolerance after a look. The first level that is measured stays: later ones fall as the model
  * learns noise, and a tolerance that is a little too small lets the poison in. It is raised by
- * RAISE, at most to what was given, since other parts have more noise than the quietest ones.
+ * RAISE, at most to what was given, since lossy compression adds to the noise, and most where there
+ * is more than in the quietest parts; by less where photos are known to be without.
  *
  * A bound that shows in photos is exact. But a poison could be weaker there, so it counts down to
  * half of what was given, which is the audit's estimate less its error. */
 static double level_of(const sg_trainer *t, struct findings *f, double given)
 {
-    const double measured = quantile(&f->levels, 3);
-    double level = t->noise > 0 ? t->noise : fmax(measured, fmin(RAISE * measured, given));
+    const double measured = quantile(&f->levels, 3),
+                 lossy = f->photos ? 1 - (double) f->lossless / (double) f->photos : 1,
+                 raised = (1 + (RAISE - 1) * lossy) * measured;
+    double level = t->noise > 0 ? t->noise : fmax(measured, fmin(raised, given));
     if (shows_bound(f))
         level = fmax(quantile(&f->bounds, 3), 0.5 * given);
     return fmin(level, SG_TOLERANCE_MAX);
@@ -154,7 +157,7 @@ static int look_at(const struct eye *e, size_t view, struct findings *f)
     sg_view_release(v);
     if (code)
         return code;
-    f->photos++;
+    f->photos++, f->lossless += v->lossless;
     if (r.blocks)
         put(&f->levels, r.level), put(&f->kurtosis, r.kurtosis);
     if (bound > 0)
