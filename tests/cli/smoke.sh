@@ -25,6 +25,6 @@ for photos in eps16 noise16; do
     grep -qE "^\| room, $photos \| (clean|suspicious|poisoned) \| 12 \|.* [01]\.[0-9]{3} \| [01]\.[0-9]{3} to [01]\.[0-9]{3} \|\$" page/report.md || fail "no audit of $photos"
 done
 # The other plans can be read; they need photos.
-for plan in desk evening paper; do
+for plan in attackers desk evening paper times tolerance; do
     expect 2 bench "$source_dir/bench/plans/$plan.json" --data . --list; says 'found no file in'
 done
