@@ -78,10 +78,6 @@ size_t name_distance(const char *word, size_t n, const char *name);
 
 /* Replaces control characters, and bytes that are not UTF-8, by "?". */
 void make_printable(char *text);
-/* What to show for the character at *text, which moves on to what follows. shown: room for
- * CHARACTER bytes, or where the character itself is. Returns their number. */
-#define CHARACTER 4
-size_t take_printable(const char **text, char *shown);
 
 /* A JSON string; of text that is not UTF-8, what is not ASCII becomes "?". */
 json_t *text_json(const char *text);

@@ -14,8 +14,8 @@ extern const char page_css[];
 void put_escaped(FILE *f, const char *text)
 {
     for (const char *c = text; *c;) {
-        char shown[CHARACTER];
-        const size_t n = take_printable(&c, shown);
+        char shown[SG_CHARACTER];
+        const size_t n = sg_take_printable(&c, shown);
         if (strchr("<>&\"'", *shown))
             fprintf(f, "&#%d;", *shown);
         else

@@ -5,39 +5,11 @@
 
 #include "commands.h"
 
-/* Of the character at c; 0: it is no UTF-8. */
-static size_t character_bytes(const unsigned char *c)
-{
-    static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};
-    const size_t n = c[0] < 0x80 ? 1 : c[0] < 0xe0 ? 2 : c[0] < 0xf0 ? 3 : 4;
-    uint32_t value = n == 1 ? c[0] : c[0] & (0x7fu >> n);
-    if (n > 1 && (c[0] < 0xc2 || c[0] > 0xf4))
-        return 0;
-    for (size_t i = 1; i < n; i++) {
-        if ((c[i] & 0xc0) != 0x80)
-            return 0;
-        value = value << 6 | (c[i] & 0x3f);
-    }
-    return value < least[n] || value > 0x10ffff || value >> 11 == 0x1b ? 0 : n; /* surrogates */
-}
-
-size_t take_printable(const char **text, char *shown)
-{
-    const unsigned char *c = (const unsigned char *) *text;
-    const size_t n = character_bytes(c);
-    const bool control = (n == 1 && (*c < ' ' || *c == 127)) ||
-                         (n == 2 && c[0] == 0xc2 && c[1] < 0xa0); /* 0x80 to 0x9f */
-    const bool good = n && !control;
-    memmove(shown, good ? *text : "?", good ? n : 1);
-    *text += n ? n : 1;
-    return good ? n : 1;
-}
-
 void make_printable(char *text)
 {
     char *to = text;
     for (const char *c = text; *c;)
-        to += take_printable(&c, to);
+        to += sg_take_printable(&c, to);
     *to = 0;
 }
 

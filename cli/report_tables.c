@@ -13,8 +13,8 @@ void put_text(FILE *f, enum format format, const char *text)
         return;
     }
     for (const char *c = text; *c;) {
-        char shown[CHARACTER];
-        const size_t n = take_printable(&c, shown);
+        char shown[SG_CHARACTER];
+        const size_t n = sg_take_printable(&c, shown);
         if (strchr("|\\<>*`[]", *shown))
             fputc('\\', f);
         fwrite(shown, 1, n, f);
@@ -300,8 +300,8 @@ static void put_csv_text(FILE *f, const char *text)
     fputs(quoted ? "\"" : "", f);
     fputs(*text && strchr("=+-@", *text) ? "'" : "", f);
     for (const char *c = text; *c;) {
-        char shown[CHARACTER];
-        const size_t n = take_printable(&c, shown);
+        char shown[SG_CHARACTER];
+        const size_t n = sg_take_printable(&c, shown);
         if (*shown == '"')
             fputc('"', f);
         fwrite(shown, 1, n, f);

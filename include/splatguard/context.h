@@ -84,6 +84,13 @@ SG_API void sg_ctx_destroy(sg_ctx **ctx);
 /* Message of the last failed call, "" if none; valid until the next call on this context. */
 SG_API const char *sg_last_error(const sg_ctx *ctx);
 
+/* What to show for the character at *text, a text that ends with a zero, such as the name of a
+ * photo: names may hold commands of terminals. That is the character, or "?" for a control
+ * character and a byte that is not UTF-8. *text moves on to what follows. shown: room for
+ * SG_CHARACTER bytes, or where the character itself is. Returns their number. Thread safe. */
+#define SG_CHARACTER 4
+SG_API size_t sg_take_printable(const char **text, char *shown);
+
 /* "load", "audit", ... */
 SG_API const char *sg_stage_name(enum sg_stage stage);
 

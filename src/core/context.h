@@ -29,10 +29,6 @@ void sg_failures_apart(struct sg_failure *failure);
 /* Replaces control characters, and bytes that are not UTF-8, by "?", since messages quote file
  * contents. */
 void sg_make_printable(char *text);
-/* What to show for the character at *text, which moves on to what follows. shown: room for
- * SG_CHARACTER bytes, or where the character itself is. Returns their number. */
-#define SG_CHARACTER 4
-size_t sg_take_printable(const char **text, char *shown);
 
 /* The beginning of any file as text: at most n bytes and a zero; bytes that are not ASCII become
  * "?". */
