@@ -64,9 +64,7 @@ struct view_server {
     struct request *waiting[WAITING]; /* the oldest first */
     int n_waiting;
     struct request *drawing;
-    struct MHD_Response *scene; /* or NULL */
-    char *state;
-    struct MHD_Response *model; /* or NULL */
+    struct MHD_Response *scene, *state, *model; /* or NULL */
     bool closing;
     atomic_int wish;
 };
@@ -164,19 +162,7 @@ static enum MHD_Result say_status(struct MHD_Connection *c, unsigned status, con
     return send_text(c, status, "text/plain; charset=utf-8", text);
 }
 
-/* A text that another thread may replace. */
-static enum MHD_Result send_state(view_server *s, struct MHD_Connection *c)
-{
-    pthread_mutex_lock(&s->lock);
-    struct MHD_Response *r = s->state ? mhd.create_response_from_buffer(strlen(s->state), s->state,
-                                                                        MHD_RESPMEM_MUST_COPY)
-                                      : NULL;
-    pthread_mutex_unlock(&s->lock);
-    return r ? send_response(c, MHD_HTTP_OK, "application/json", r)
-             : say_status(c, MHD_HTTP_SERVICE_UNAVAILABLE, "not yet\n");
-}
-
-/* One answer for all who ask. */
+/* One answer for all who ask, which another thread may replace. */
 static enum MHD_Result send_shared(view_server *s, struct MHD_Connection *c,
                                    struct MHD_Response *const *shared, unsigned status,
                                    const char *without)
@@ -355,7 +341,7 @@ static enum MHD_Result serve(view_server *s, struct request *q, const char *name
     if (!strcmp(name, "scene"))
         return send_shared(s, c, &s->scene, MHD_HTTP_SERVICE_UNAVAILABLE, "not yet\n");
     if (!strcmp(name, "state"))
-        return send_state(s, c);
+        return send_shared(s, c, &s->state, MHD_HTTP_SERVICE_UNAVAILABLE, "not yet\n");
     if (!strcmp(name, "model.ply"))
         return send_shared(s, c, &s->model, MHD_HTTP_NOT_FOUND,
                            "no model that a browser can draw\n");
@@ -473,27 +459,23 @@ static void share(view_server *s, struct MHD_Response **shared, struct MHD_Respo
         mhd.destroy_response(old);
 }
 
-void view_server_set_scene(view_server *s, const char *json)
+static void share_json(view_server *s, struct MHD_Response **shared, const char *json)
 {
     const size_t n = strlen(json);
     uint8_t *copy = sg_mem_alloc(s->ctx, SG_MEM_MISC, n, 1);
     struct MHD_Response *r = copy ? answer(s, memcpy(copy, json, n), n) : NULL;
     if (r)
-        share(s, &s->scene, r, "application/json");
+        share(s, shared, r, "application/json");
+}
+
+void view_server_set_scene(view_server *s, const char *json)
+{
+    share_json(s, &s->scene, json);
 }
 
 void view_server_set_state(view_server *s, const char *json)
 {
-    const size_t n = strlen(json) + 1;
-    char *copy = sg_mem_alloc(s->ctx, SG_MEM_MISC, n, 1);
-    if (!copy)
-        return;
-    memcpy(copy, json, n);
-    pthread_mutex_lock(&s->lock);
-    char *old = s->state;
-    s->state = copy;
-    pthread_mutex_unlock(&s->lock);
-    sg_mem_free(old);
+    share_json(s, &s->state, json);
 }
 
 bool view_server_draws(void)
@@ -599,13 +581,12 @@ void view_server_close(view_server **server)
         view_server_answer(s, NULL, 0, 0);
     if (s->daemon)
         mhd.stop_daemon(s->daemon);
-    if (s->model)
-        mhd.destroy_response(s->model);
-    if (s->scene)
-        mhd.destroy_response(s->scene);
+    struct MHD_Response *const shared[] = {s->scene, s->state, s->model};
+    for (int k = 0; k < 3; k++)
+        if (shared[k])
+            mhd.destroy_response(shared[k]);
     pthread_mutex_destroy(&s->lock);
     pthread_cond_destroy(&s->more);
-    sg_mem_free(s->state);
     sg_mem_free(s);
     *server = NULL;
 }
