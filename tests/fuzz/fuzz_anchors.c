@@ -10,6 +10,7 @@
 #include "splatguard/format.h"
 #include "splatguard/render.h"
 
+#include "camera.h"
 #include "spill.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
@@ -36,14 +37,7 @@ static void remove_folder(void)
 
 static void draw(sg_ctx *ctx, const struct sg_model *m)
 {
-    const struct sg_camera camera = {.width = SIDE,
-                                     .height = SIDE,
-                                     .fx = SIDE,
-                                     .fy = SIDE,
-                                     .cx = SIDE / 2,
-                                     .cy = SIDE / 2,
-                                     .R = {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                                     .t = {0, 0, 3}};
+    const struct sg_camera camera = front_camera(SIDE, 3);
     static float rgb[3 * SIDE * SIDE];
     sg_renderer *r;
     int code = sg_renderer_create(ctx, "cpu", NULL, m, NULL, &r);

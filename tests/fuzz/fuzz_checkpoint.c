@@ -13,6 +13,7 @@
 #include "splatguard/scene.h"
 #include "splatguard/train.h"
 
+#include "camera.h"
 #include "spill.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
@@ -59,16 +60,8 @@ static void make_sound(void)
     for (size_t i = 0; i < sizeof(photo); i++)
         photo[i] = (uint8_t) sg_rng_u64(1, SG_RNG_SYNTH, 0, i);
     for (int v = 0; v < VIEWS; v++)
-        views[v] = (struct sg_view){.name = (char *) "view",
-                                    .rgb = photo,
-                                    .camera = {.width = SIDE,
-                                               .height = SIDE,
-                                               .fx = SIDE,
-                                               .fy = SIDE,
-                                               .cx = SIDE / 2,
-                                               .cy = SIDE / 2,
-                                               .R = {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                                               .t = {0, 0, 3 + v}}};
+        views[v] = (struct sg_view){
+            .name = (char *) "view", .rgb = photo, .camera = front_camera(SIDE, 3 + v)};
     struct sg_train_params p = parameters();
     struct sg_model *m;
     sg_trainer *t;
