@@ -235,21 +235,24 @@ static int add_scene(struct reader *r, const char *name)
     const json_t *scene = in(r->plan->root, "scenes", name),
                  *synth = json_object_get(scene, "synth");
     json_t *config = json_pack("{s:s,s:s}", "kind", "scene", "name", name);
-    if (synth)
+    if (synth) {
         json_object_set(config, "synth", (json_t *) synth);
-    else {
+        json_object_set(config, "layout", json_object_get(scene, "layout"));
+    } else {
         struct print p = {0};
         char path[PATH_MAX];
+        char whole[PATH_MAX]; /* one scene is one configuration, however its path is spelled */
         const char *at = json_string_value(json_object_get(scene, "path"));
         snprintf(path, sizeof(path), "%s%s%s", *at == '/' ? "" : r->data, *at == '/' ? "" : "/",
                  at);
-        add_folder(path, 0, &p);
+        if (realpath(path, whole))
+            add_folder(whole, 0, &p);
         if (!p.files) {
             json_decref(config);
             wrong(r, "scenes.%s: found no file in %s", name, path);
             return -1;
         }
-        json_object_set_new(config, "path", json_string(path));
+        json_object_set_new(config, "path", json_string(whole));
         json_object_set_new(config, "print", json_pack("[I,I,I]", p.files, p.bytes, p.newest));
     }
     return add_job(r, (struct job){.kind = JOB_SCENE,
@@ -295,7 +298,7 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
                                           "options", options),
                       .from = in(r->plan->root, "scenes", c->scene)};
     name_preset(r, c->scene, options);
-    if (kind != JOB_SCENE && kind != JOB_AUDIT)
+    if (kind != JOB_AUDIT)
         add_engine(r->plan, options);
     memcpy(job.needs, needs, (size_t) n_needs * sizeof(*needs));
     job.n_needs = n_needs;
@@ -309,24 +312,34 @@ static const json_t *scene_options(const struct reader *r, const char *scene, co
 
 #define MERGE(lists) options_merge(lists, sizeof(lists) / sizeof((lists)[0]))
 
-static int add_proxy(struct reader *r, const char *scene, int at)
+/* The value of an option, or NULL. */
+static const char *value_of(const json_t *options, const char *name)
 {
+    for (size_t i = 0; i < json_array_size(options); i++)
+        if (!strcmp(json_string_value(json_array_get(options, i)), name))
+            return json_string_value(json_array_get(options, i + 1));
+    return NULL;
+}
+
+/* attack: its options. The proxy sees the photos that the attack poisons. */
+static int add_proxy(struct reader *r, const char *scene, int at, const json_t *attack)
+{
+    const char *views = value_of(attack, "--views");
+    json_t *of_attack = views && !strcmp(views, "train") ? json_pack("[s]", "--eval") : NULL;
     const json_t *const lists[] = {
-        scene_options(r, scene, "size"), scene_options(r, scene, "options"),
+        scene_options(r, scene, "size"),         scene_options(r, scene, "options"),
         json_object_get(r->plan->root, "train"), scene_options(r, scene, "train"),
-        json_object_get(r->plan->root, "proxy")};
+        json_object_get(r->plan->root, "proxy"), of_attack};
     const struct cell c = {scene, CLEAN, "proxy", "", 42, 0};
-    return make_job(r, JOB_PROXY, &c, MERGE(lists), &at, 1);
+    json_t *options = MERGE(lists);
+    json_decref(of_attack);
+    return make_job(r, JOB_PROXY, &c, options, &at, 1);
 }
 
 static bool uses_proxy(const json_t *options)
 {
-    for (size_t i = 0; i < json_array_size(options); i++)
-        if (!strcmp(json_string_value(json_array_get(options, i)), "--method")) {
-            const char *method = json_string_value(json_array_get(options, i + 1));
-            return method && !strcmp(method, "poison-splat");
-        }
-    return true;
+    const char *method = value_of(options, "--method");
+    return !method || !strcmp(method, "poison-splat");
 }
 
 /* The photos of a cell: the scene itself, or a poison of it. */
@@ -341,7 +354,7 @@ static int add_photos(struct reader *r, const char *scene, const char *photos, i
     int needs[2] = {at};
     json_t *options = MERGE(lists);
     const bool proxy = uses_proxy(options);
-    if (proxy && (needs[1] = add_proxy(r, scene, at)) < 0) {
+    if (proxy && (needs[1] = add_proxy(r, scene, at, options)) < 0) {
         json_decref(options);
         return -1;
     }
@@ -548,6 +561,10 @@ static int check_scenes(const struct reader *r)
             return wrong(r, "%s.preset: expected a text", where);
         if (!json_object_get(scene, "synth") == !json_is_string(json_object_get(scene, "path")))
             return wrong(r, "%s: expected either path or synth", where);
+        const json_t *layout = json_object_get(scene, "layout");
+        const char *word = json_string_value(layout);
+        if (layout && !(word && (!strcmp(word, "blender") || !strcmp(word, "colmap"))))
+            return wrong(r, "%s.layout: expected \"blender\" or \"colmap\"", where);
     }
     return STATUS_DONE;
 }
@@ -635,8 +652,8 @@ static int read_plan(struct reader *r)
         code = read_options(r, json_object_get(p->root, "proxy"), "proxy");
     if (!code)
         code = check_scenes(r);
-    static const char *const switches[] = {"pictures", "audit"};
-    for (int i = 0; i < 2 && !code; i++) {
+    static const char *const switches[] = {"pictures", "audit", "alone"};
+    for (int i = 0; i < 3 && !code; i++) {
         const json_t *on = json_object_get(p->root, switches[i]);
         if (on && !json_is_boolean(on))
             code = wrong(r, "%s: expected true or false", switches[i]);

@@ -458,7 +458,11 @@ int store_put(struct store *s, const struct job *j, const struct outcome *o)
     char machine[128];
     machine_name(machine, sizeof(machine));
     const json_t *variant = json_object_get(o->run_config, "cpu_variant");
-    int code = run(s, "BEGIN IMMEDIATE");
+    char before[16];
+    int code = store_status(s, j->key, before);
+    if (code || (!strcmp(before, "done") && strcmp(o->status, "done")))
+        return code;
+    code = run(s, "BEGIN IMMEDIATE");
     if (code)
         return code;
     code = store_drop(s, j->key);

@@ -164,6 +164,33 @@ static bool exists(const char *path)
     return !access(path, F_OK);
 }
 
+/* Options of the scene that a run was given. Its folder brings them to other commands; the file of
+ * a pruned model does not. */
+static json_t *run_scene_options(const struct job *run)
+{
+    const json_t *options = options_of(run);
+    json_t *of_scene = json_array();
+    for (size_t i = 0; i < json_array_size(options); i++) {
+        const char *word = json_string_value(json_array_get(options, i));
+        const struct sg_option *row = sg_scene_options();
+        while (row->name && !(word[0] == '-' && (word[1] == '-' ? !strcmp(word + 2, row->name)
+                                                                : word[1] == row->letter)))
+            row++;
+        if (!row->name || row->transient || strcmp(row->group, "Scene"))
+            continue;
+        json_array_append(of_scene, json_array_get(options, i));
+        if (row->type != SG_OPTION_FLAG)
+            json_array_append(of_scene, json_array_get(options, i + 1));
+    }
+    return of_scene;
+}
+
+/* Of a pruned model: its run's. */
+static json_t *pruned_scene_options(const struct plan *p, const struct job *j)
+{
+    return j->kind == JOB_PRUNE ? run_scene_options(&p->jobs[j->needs[1]]) : json_array();
+}
+
 /* The same photos for all: the clean scene's test views. model: in the job's folder. */
 static void add_eval(struct scheduler *s, struct command_line *c, int index, const char *model)
 {
@@ -174,10 +201,12 @@ static void add_eval(struct scheduler *s, struct command_line *c, int index, con
     add(c, "--quiet"), add(c, "--threads"), add(c, "%d", p->threads), add(c, "--scene");
     add_source(s, c, j->needs[0]);
     json_t *engine = p->engine ? json_pack("[s, s]", "--engine", p->engine) : NULL;
+    json_t *run = pruned_scene_options(p, j);
     const json_t *const lists[] = {engine, json_object_get(j->from, "size"),
-                                   json_object_get(j->from, "options")};
-    json_t *options = options_merge(lists, 3);
+                                   json_object_get(j->from, "options"), run};
+    json_t *options = options_merge(lists, 4);
     json_decref(engine);
+    json_decref(run);
     add_options(s, c, j, options);
     json_decref(options);
 }
@@ -226,12 +255,18 @@ static void add_prune(struct scheduler *s, struct command_line *c, int index)
 static void add_render(struct scheduler *s, struct command_line *c, int index)
 {
     const struct job *j = &s->b->plan->jobs[index];
-    const bool run = s->b->plan->jobs[j->needs[1]].kind == JOB_TRAIN;
+    const struct job *of = &s->b->plan->jobs[j->needs[1]];
+    const bool run = of->kind == JOB_TRAIN;
+    json_t *brought = pruned_scene_options(s->b->plan, of);
+    const json_t *const lists[] = {options_of(j), brought};
+    json_t *options = options_merge(lists, 2);
     add(c, "render"), add(c, "%s/%s", s->work[j->needs[1]].folder, run ? "run" : "model.ply");
     add(c, "--scene"), add_source(s, c, j->needs[2]);
     add(c, "-o"), add(c, "%s/views", s->work[index].folder);
     add(c, "--split"), add(c, "train"), add(c, "--photo");
-    add_options(s, c, j, options_of(j));
+    add_options(s, c, j, options);
+    json_decref(brought);
+    json_decref(options);
 }
 
 /* Photos as training sees them: without the test views. */
@@ -387,16 +422,21 @@ static void watch(const struct scheduler *s, struct work *w)
         w->why = "memory", w->told = t - GRACE, kill(w->pid, SIGKILL);
 }
 
-/* The last line that a process has said. */
-static void last_words(struct work *w)
+/* What a job was ended for, or the last line that its process has said; how to continue it is of no
+ * use here. */
+static void last_words(const struct plan *p, struct work *w)
 {
-    char *text = load_text(below(w, "err.%d", w->phase));
-    size_t n = text ? strlen(text) : 0;
-    while (n && text[n - 1] == '\n')
-        text[--n] = 0;
-    const char *line = text ? strrchr(text, '\n') : NULL;
-    if (text)
-        snprintf(w->out.message, sizeof(w->out.message), "%s", line ? line + 1 : text);
+    char *text = load_text(below(w, "err.%d", w->phase)), *rest = text;
+    if (w->why && !strcmp(w->why, "timeout"))
+        snprintf(w->out.message, sizeof(w->out.message), "took %.0f s, the limit is %.0f s",
+                 w->out.seconds, p->timeout);
+    else if (w->why)
+        snprintf(w->out.message, sizeof(w->out.message),
+                 "took more memory than the limit of %llu bytes", (unsigned long long) p->memory);
+    else
+        for (char *line; (line = strsep(&rest, "\n"));)
+            if (*line && strncmp(line, "Continue with:", strlen("Continue with:")))
+                snprintf(w->out.message, sizeof(w->out.message), "%s", line);
     free(text);
 }
 
@@ -522,7 +562,7 @@ static int reap(struct scheduler *s, int index, int status, const struct rusage 
         clear_outcome(o);
         return STATUS_DONE;
     }
-    last_words(w);
+    last_words(s->b->plan, w);
     return finish(s, index,
                   w->why                            ? w->why
                   : o->signal                       ? "crashed"
@@ -680,7 +720,7 @@ static int recall(struct scheduler *s)
             return code;
         if (!strcmp(status, "done"))
             w->state = DONE;
-        else if (*status && strcmp(status, "done") && !s->b->retry)
+        else if (*status && !s->b->retry)
             w->state = FAILED;
     }
     repeat_needed(s);

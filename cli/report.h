@@ -30,6 +30,7 @@ struct result {
     char *plan, *scene, *photos, *defense, *model, *key, *status, *message, *commit, *machine,
         *engine;
     int seed, alone;
+    bool common;                      /* all that has results of its scene has one with this seed */
     double seconds, value[M_METRICS]; /* NAN: not known */
 };
 
@@ -89,6 +90,7 @@ struct report {
     json_t *curves; /* key: list of [iteration, Gaussians, PSNR, instances, bytes] */
     /* key: {photo, render: {view, png (base64), radial, angular (lists)}} */
     json_t *pictures;
+    size_t others; /* results that a cell has of another configuration, which are left out */
     struct obstacle *obstacles;
     size_t n_obstacles;
     struct audit *audits;
@@ -122,6 +124,9 @@ bool same_scene(const struct result *a, const struct result *b); /* and plan and
 /* The group with other photos or another defense, or NULL. */
 const struct group *report_find(const struct report *r, const struct group *like,
                                 const char *photos, const char *defense);
+
+/* The mean over the seeds that every group of the scene has; where there are none, over its own. */
+double report_common(const struct report *r, const struct group *g, enum report_metric m);
 
 /* Over the seeds of a group. */
 struct spread {

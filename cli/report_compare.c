@@ -98,32 +98,93 @@ static bool is_of(const struct report *r, const struct side *s, const struct res
                      : same_scene(x, s->first);
 }
 
-static double value_of(const struct report *r, const struct group *g, enum report_metric m)
+static bool has_run(const struct report *r, const struct group *like, const char *photos,
+                    const char *defense)
 {
-    return m == M_MAX_GAUSSIANS ? report_shares(r, g, report_find(r, g, CLEAN, OFF), m).mean
-                                : g->mean[m];
+    const struct group *g = report_find(r, like, photos, defense);
+    return g && g->runs;
 }
 
-/* Of a scene, or the mean over scenes: NAN unless all of them have a result. */
-static double mean_of(const struct report *r, const struct side *s, const struct group *like,
-                      const char *photos, const char *defense, enum report_metric m)
+/* The columns of a table. */
+struct columns {
+    const char *photos[SIDES];
+    int n;
+};
+
+static bool is_clean_run(const struct report *r, const struct side *s, const struct group *g)
+{
+    return is_of(r, s, g->first) && !strcmp(g->first->photos, CLEAN) &&
+           !strcmp(g->first->defense, OFF);
+}
+
+/* In how many scenes a defense has a result for a column. */
+static int count_runs(const struct report *r, const struct side *s, const char *photos,
+                      const char *defense)
+{
+    int n = 0;
+    for (size_t i = 0; i < r->n_groups; i++)
+        n += is_clean_run(r, s, &r->groups[i]) && has_run(r, &r->groups[i], photos, defense);
+    return n;
+}
+
+/* Whether a scene, of which `clean` is the clean run, has a result of a defense for each column
+ * that the defense has any for. */
+static bool has_row(const struct report *r, const struct side *s, const struct group *clean,
+                    const struct columns *c, const char *defense)
+{
+    bool has = true;
+    for (int i = 0; i < c->n && has; i++)
+        has = has_run(r, clean, c->photos[i], defense) || !count_runs(r, s, c->photos[i], defense);
+    return has;
+}
+
+static double value_of(const struct report *r, const struct group *like, const char *photos,
+                       const char *defense, enum report_metric m)
+{
+    const struct group *g = report_find(r, like, photos, defense),
+                       *clean = report_find(r, like, CLEAN, OFF);
+    if (!g)
+        return NAN;
+    return m != M_MAX_GAUSSIANS ? report_common(r, g, m)
+           : clean              ? report_common(r, g, m) / report_common(r, clean, m)
+                                : NAN;
+}
+
+/* Of a scene, or the mean over *n scenes: of those that have a table of defenses at all, those that
+ * have this row of it. */
+static double mean_of(const struct report *r, const struct side *s, const struct columns *c,
+                      const char *photos, const char *defense, enum report_metric m, int *n)
 {
     double sum = 0;
-    int n = 0;
+    *n = 0;
     if (!s->preset) {
-        const struct group *g = report_find(r, like, photos, defense);
-        return g ? value_of(r, g, m) : NAN;
+        for (size_t i = 0; i < r->n_groups; i++)
+            if (is_of(r, s, r->groups[i].first))
+                return value_of(r, &r->groups[i], photos, defense, m);
+        return NAN;
     }
     for (size_t i = 0; i < r->n_groups; i++) {
-        const struct group *g = &r->groups[i], *one;
-        if (!is_of(r, s, g->first) || strcmp(g->first->photos, CLEAN) ||
-            strcmp(g->first->defense, OFF))
+        const struct group *g = &r->groups[i];
+        if (!is_clean_run(r, s, g) || !has_row(r, s, g, c, OFF) || !has_row(r, s, g, c, defense))
             continue;
-        one = report_find(r, g, photos, defense);
-        sum += one ? value_of(r, one, m) : NAN;
-        n++;
+        sum += value_of(r, g, photos, defense, m);
+        (*n)++;
     }
-    return n ? sum / n : NAN;
+    return *n ? sum / *n : NAN;
+}
+
+/* How many scenes there are, and how many of them have undefended results for all columns. */
+static int scenes_of(const struct report *r, const struct side *s, const struct columns *c,
+                     int *all)
+{
+    int n = 0;
+    *all = 0;
+    for (size_t i = 0; i < r->n_groups; i++)
+        if (is_clean_run(r, s, &r->groups[i])) {
+            n += has_row(r, s, &r->groups[i], c, OFF);
+            (*all)++;
+        }
+    return n;
 }
 
 static bool begins(const struct report *r, const struct side *s, size_t i, bool by_defense)
@@ -140,23 +201,41 @@ static bool begins(const struct report *r, const struct side *s, size_t i, bool 
     return true;
 }
 
-static void put_side(FILE *f, const struct report *r, enum format format, const struct side *s,
-                     const char *title)
+/* The kinds of photos of a scene; of several scenes those that most of them have undefended runs
+ * of. */
+static void find_columns(const struct report *r, const struct side *s, struct columns *c)
+{
+    for (size_t i = 0; i < r->n_groups && c->n < SIDES; i++) {
+        const char *photos = r->groups[i].first->photos;
+        if (begins(r, s, i, false) &&
+            (!s->preset || 2 * count_runs(r, s, photos, OFF) > count_runs(r, s, CLEAN, OFF)))
+            c->photos[c->n++] = photos;
+    }
+}
+
+static void put_side(FILE *f, const struct report *r, enum format format, const struct side *s)
 {
     static const struct {
         enum report_metric metric;
         const char *name;
         int digits;
     } parts[] = {{M_PSNR, "PSNR, dB", 2}, {M_SSIM, "SSIM", 3}, {M_MAX_GAUSSIANS, "of clean", 2}};
-    const char *titles[SIDES + 1] = {"defense"}, **photos = titles + 1;
-    int n = 0;
-    for (size_t i = 0; i < r->n_groups && n < SIDES; i++)
-        if (begins(r, s, i, false) &&
-            (!s->preset || isfinite(mean_of(r, s, &r->groups[i], r->groups[i].first->photos, OFF,
-                                            M_MAX_GAUSSIANS))))
-            photos[n++] = r->groups[i].first->photos;
-    if (n < 2)
+    const char *titles[SIDES + 1] = {"defense"};
+    struct columns columns = {0};
+    char title[320];
+    int all;
+    find_columns(r, s, &columns);
+    const int n = columns.n, scenes = scenes_of(r, s, &columns, &all);
+    for (int i = 0; i < n; i++)
+        titles[i + 1] = columns.photos[i];
+    if (n < 2 || (s->preset && scenes < 2))
         return;
+    if (s->preset)
+        snprintf(title, sizeof(title), "%s: means over %d of %d scenes of the preset %s",
+                 s->first->plan, scenes, all, s->preset);
+    else
+        snprintf(title, sizeof(title), "%s: %s, photos side by side", s->first->plan,
+                 s->first->scene);
     put_run_heading(f, format, title, s->first);
     for (size_t k = 0; k < sizeof(parts) / sizeof(parts[0]); k++) {
         put_heading(f, format, 3,
@@ -167,16 +246,21 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
         for (size_t i = 0; i < r->n_groups; i++) {
             const char *defense = r->groups[i].first->defense;
             double values[SIDES];
+            char row[256];
+            int of = 0;
             bool any = !s->preset; /* not all scenes may have a defense */
             if (!begins(r, s, i, true))
                 continue;
             for (int c = 0; c < n; c++) {
-                values[c] = mean_of(r, s, &r->groups[i], photos[c], defense, parts[k].metric);
+                values[c] = mean_of(r, s, &columns, titles[c + 1], defense, parts[k].metric, &of);
                 any |= isfinite(values[c]);
             }
             if (!any)
                 continue;
-            begin_row(f, format, defense);
+            snprintf(row, sizeof(row), "%s", defense);
+            if (s->preset && of < scenes)
+                snprintf(row, sizeof(row), "%s (%d of these scenes)", defense, of);
+            begin_row(f, format, row);
             for (int c = 0; c < n; c++)
                 put_number(f, format, values[c], NAN, parts[k].digits);
             end_row(f, format);
@@ -185,44 +269,18 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
     }
 }
 
-/* How many scenes with that preset have a clean run. */
-static int scenes_of(const struct report *r, const struct side *s)
-{
-    int n = 0;
-    for (size_t i = 0; i < r->n_groups; i++) {
-        const struct result *x = r->groups[i].first;
-        n += is_of(r, s, x) && !strcmp(x->photos, CLEAN) && !strcmp(x->defense, OFF);
-    }
-    return n;
-}
-
 void put_sides(FILE *f, const struct report *r, enum format format)
 {
-    char title[320];
-    for (size_t i = 0; i < r->n_groups; i++) { /* means first */
-        const struct result *x = r->groups[i].first;
-        const struct side s = {x, preset_of(r, x)};
-        bool first = *s.preset;
-        for (size_t k = 0; k < i && first; k++)
-            first = !is_of(r, &s, r->groups[k].first);
-        const int n = first ? scenes_of(r, &s) : 0;
-        if (n < 2)
-            continue;
-        snprintf(title, sizeof(title), "%s: means over %d scenes of the preset %s", x->plan, n,
-                 s.preset);
-        put_side(f, r, format, &s, title);
-    }
-    for (size_t i = 0; i < r->n_groups; i++) {
-        const struct result *x = r->groups[i].first;
-        const struct side s = {x, NULL};
-        bool first = true;
-        for (size_t k = 0; k < i && first; k++)
-            first = !is_of(r, &s, r->groups[k].first);
-        if (!first)
-            continue;
-        snprintf(title, sizeof(title), "%s: %s, photos side by side", x->plan, x->scene);
-        put_side(f, r, format, &s, title);
-    }
+    for (int one = 0; one < 2; one++) /* means first */
+        for (size_t i = 0; i < r->n_groups; i++) {
+            const struct result *x = r->groups[i].first;
+            const struct side s = {x, one ? NULL : preset_of(r, x)};
+            bool first = one || *s.preset;
+            for (size_t k = 0; k < i && first; k++)
+                first = !is_of(r, &s, r->groups[k].first);
+            if (first)
+                put_side(f, r, format, &s);
+        }
 }
 
 /* ---- at equal count ---- */

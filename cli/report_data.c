@@ -22,13 +22,13 @@ char *report_copy(const char *text)
     return strdup(text ? text : "");
 }
 
-/* The same cell of another database, or NULL. */
+/* The same cell of another database, whatever its configuration is there, or NULL. */
 static struct result *find_cell(const struct report *r, const char *const *v)
 {
     for (size_t i = 0; i < r->n; i++) {
         const struct result *x = &r->results[i];
         const char *const own[] = {x->plan, x->scene, x->photos, x->defense, x->model};
-        bool same = !strcmp(x->key, v[6] ? v[6] : "") && x->seed == (v[5] ? atoi(v[5]) : 0);
+        bool same = x->seed == (v[5] ? atoi(v[5]) : 0);
         for (int k = 0; k < 5 && same; k++)
             same = !strcmp(own[k], v[k] ? v[k] : "");
         if (same)
@@ -51,8 +51,11 @@ static int take_cell(void *arg, int columns, const char *const *v)
     struct report *r = arg;
     struct result *x = find_cell(r, v);
     (void) columns;
-    if (x && (!strcmp(x->status, "done") || !v[7] || strcmp(v[7], "done")))
+    const bool done = v[7] && !strcmp(v[7], "done");
+    if (x && (!strcmp(x->status, "done") || !done)) {
+        r->others += done && strcmp(x->key, v[6]) != 0;
         return STATUS_DONE;
+    }
     if (x)
         clear_result(x);
     else if (r->n == r->capacity) {
@@ -293,6 +296,12 @@ int report_load(struct report *r, const char *path)
                            " j.seconds FROM cell c LEFT JOIN job j USING(key)"
                            " WHERE c.kind IS NOT 'audit' ORDER BY c.plan, c.position",
                            take_cell, r);
+    if (!code && r->others)
+        say(stderr,
+            "warning: %s: %zu results are left out: those before are of the same cells, with "
+            "another configuration\n",
+            path, r->others);
+    r->others = 0;
     for (size_t i = r->n; i-- > 0;)
         json_object_set_new(k.index, r->results[i].key, json_integer((json_int_t) i));
     if (!code)
@@ -302,10 +311,11 @@ int report_load(struct report *r, const char *path)
         code =
             store_query(s,
                         "SELECT kind, status, message, command, key FROM job WHERE status <> 'done'"
-                        " AND kind IN ('scene', 'proxy', 'poison', 'train')"
-                        " AND key NOT IN (SELECT key FROM cell)"
+                        " AND CASE kind WHEN 'audit' THEN key IN (SELECT key FROM cell)"
+                        " WHEN 'pictures' THEN 1"
                         /* of an earlier plan, unless something could not run */
-                        " AND EXISTS (SELECT 1 FROM cell WHERE key NOT IN (SELECT key FROM job))"
+                        " ELSE key NOT IN (SELECT key FROM cell) AND EXISTS"
+                        " (SELECT 1 FROM cell WHERE key NOT IN (SELECT key FROM job)) END"
                         " ORDER BY kind, key",
                         take_obstacle, r);
     if (!code)
@@ -352,6 +362,18 @@ static void add_to_group(struct group *g, const struct result *x)
     }
 }
 
+/* Whether all that has results of this scene has one with this seed. */
+static bool is_common(const struct report *r, const struct result *x)
+{
+    size_t groups = 0, runs = 0;
+    for (size_t i = 0; i < r->n_groups; i++)
+        groups += r->groups[i].runs && same_scene(r->groups[i].first, x);
+    for (size_t i = 0; i < r->n; i++)
+        runs += r->results[i].seed == x->seed && !strcmp(r->results[i].status, "done") &&
+                same_scene(&r->results[i], x);
+    return runs == groups;
+}
+
 int report_group(struct report *r)
 {
     r->groups = calloc(r->n + 1, sizeof(*r->groups));
@@ -373,6 +395,8 @@ int report_group(struct report *r)
             g->mean[m] = g->runs ? g->mean[m] : NAN;
             g->deviation[m] = g->runs > 1 ? sqrt(g->deviation[m] / (g->runs - 1)) : NAN;
         }
+    for (size_t i = 0; i < r->n; i++)
+        r->results[i].common = is_common(r, &r->results[i]);
     return STATUS_DONE;
 }
 
@@ -410,6 +434,17 @@ static struct spread pair(const struct report *r, const struct group *of, const 
         }
     }
     return (struct spread){n ? sum / n : NAN, n > 1 ? sqrt(squares / (n - 1)) : NAN};
+}
+
+double report_common(const struct report *r, const struct group *g, enum report_metric m)
+{
+    double sum = 0;
+    int n = 0;
+    for (size_t i = 0; i < r->n; i++)
+        if (r->results[i].common && is_alike(&r->results[i], g->first) &&
+            !strcmp(r->results[i].status, "done"))
+            sum += r->results[i].value[m], n++;
+    return n ? sum / n : g->mean[m];
 }
 
 struct spread report_pairs(const struct report *r, const struct group *of, const struct group *to,

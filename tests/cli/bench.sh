@@ -39,6 +39,21 @@ expect 0 bench plan.json -o gone.db -q
 says ' 4 are done now, 0 failed' # the scene, its poison, the run, and what is pruned of it
 [ "$(ask gone.db "select count(*) from job where status='done'")" -eq 8 ] || fail "not all jobs have a result"
 
+# One of these that fails now keeps the result that it had.
+cp once.db kept.db
+ask kept.db "delete from job where key in (select key from cell where defense='lg')"
+cat >tiny-memory.json <<END
+$(sed 's/"timeout": "60s"/"memory": "1M"/' plan.json)
+END
+expect 0 bench tiny-memory.json -o kept.db -q
+says 'took more memory than the limit of 1048576 bytes'
+[ "$(ask kept.db "select count(distinct key) from cell join job using(key) join metric using(key) where defense='off' and status='done' and name='eval.psnr'")" -eq 2 ] || fail "a result is lost"
+
+# A pruned model is measured as its run was: here on white.
+sed 's/"--iterations"/"-w", &/; s/"--finetune", "5"/"--finetune", "0", "--ratio", "0"/' plan.json >white.json
+expect 0 bench white.json -o white.db -q
+[ "$(ask white.db "select count(distinct round(value, 9)) from metric join cell using(key) where defense in ('off', 'lg') and photos='clean' and name='eval.psnr'")" -eq 1 ] || fail "on white a pruned model is measured on another background"
+
 # Stopped while it does so, it does not take half a run for a whole one.
 plan long.json $((n * n)) '' # long enough to be stopped
 expect 0 bench long.json -o half.db -q
@@ -124,6 +139,17 @@ expect 0 bench forms.json --list && sort out >forms
 cmp -s plan.json forms.json && fail "the plan has the forms that it had"
 expect 0 bench plan.json --list && sort out | cmp - forms || fail "other jobs: $(cat forms)"
 
+# A scene is the same one however its path is spelled.
+mkdir spelled && echo >spelled/photo
+sed 's/"synth": \[[^]]*\]/"path": "spelled"/' plan.json >spelled.json
+expect 0 bench spelled.json --list && cp out spelled.jobs
+expect 0 bench "$PWD/spelled.json" --list --data ./../"${PWD##*/}"/. && cmp -s out spelled.jobs || fail "other jobs: $(cat out)"
+
+# The proxy sees no photos that the attack does not.
+sed 's/"--method", "noise"/"--iterations", "9", "--views", "train"/' plan.json >views.json
+expect 0 bench views.json -o views.db -q
+[ "$(ask views.db "select count(*) from job where kind='proxy' and status='done' and command like '%--eval%'")" -eq 1 ] || fail "the proxy has seen all photos"
+
 # Links in a scene's folder that lead around in circles are not followed.
 mkdir around && echo >around/photo && for i in 1 2 3 4 5 6 7 8 9; do ln -s . around/$i; done
 sed 's/"synth": \[[^]]*\]/"path": "around"/' plan.json >around.json
@@ -195,6 +221,10 @@ sed 's/"timeout"/"timeuot"/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'found "timeuot"'
 sed 's/"engine": "[^"]*", //; s/"timeout"/"engine": 1, &/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'engine: expected a text'
+sed 's/"synth"/"layout": "colmap3", &/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'scenes.s.layout: expected "blender" or "colmap"'
+sed 's/"timeout"/"alone": "yes", &/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'alone: expected true or false'
 sed 's/"synth".*/"path": "nowhere"}},/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere'
 sed 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' plan.json >bad.json
