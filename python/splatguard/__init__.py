@@ -386,7 +386,6 @@ class Renderer:
         self.context = model.context
         self._shape = len(model), model.sh_degree
         self._handle = _core.renderer_new(model._handle, engine, cpu, params, tuple(background))
-        self._values = 0
 
     def render(self, camera, alpha=False, depth=False):
         """Draws one view; alpha and depth are made on demand. Returns a Render."""
@@ -394,14 +393,13 @@ class Renderer:
         color = _array("f", 3, h, w)
         a, d = (_array("f", h, w) if wanted else None for wanted in (alpha, depth))
         stats = _core.render(self._handle, camera._numbers(), color, a, d)
-        self._values = 3 * h * w
         return Render(color, a, d, stats)
 
     def backward(self, gradient):
-        """Gradients of a scalar L: from dL/dcolor (3 x height x width floats) of the view drawn
-        last to a Model whose fields are dL/d of each parameter as stored."""
+        """Gradients of a scalar L: from dL/dcolor (3 x height x width floats) of the view that
+        render() drew last, since which evaluate() has not drawn any, to a Model whose fields are dL/d of each parameter as stored."""
         out = Model(*self._shape, context=self.context)
-        _core.render_backward(self._handle, gradient, self._values, out._handle)
+        _core.render_backward(self._handle, gradient, out._handle)
         return out
 
 
@@ -451,8 +449,8 @@ class Trainer:
     def step(self):
         """Runs one iteration. Returns a dict: iteration, view (index into scene.train), loss, l1,
         ssim, psnr (dB, before the update), gaussians, cloned, split, pruned, visible, instances,
-        filtered, filter_removed. After KeyboardInterrupt or Cancelled the trainer is as before and
-        can go on."""
+        filtered, filter_removed. After KeyboardInterrupt or Cancelled the trainer can go on: it is
+        as before, or one whole iteration further (see state)."""
         return _core.trainer_step(self._handle)
 
     @property
@@ -559,10 +557,8 @@ class Attack:
 
     def poison(self, view):
         """The poisoned photo of a training view (its index): height x width x 3 bytes."""
-        camera = self.scene.train[view].camera
-        out = _array("B", camera.height, camera.width, 3)
-        _core.attack_poison(self._handle, view, out, len(out.obj))
-        return out
+        values, height, width = _core.attack_poison(self._handle, view)
+        return memoryview(values).cast("B", (height, width, 3))
 
 
 def attack(scene, proxy, callback=None, **params):

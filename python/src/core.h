@@ -40,6 +40,7 @@ struct handle {
         sg_trainer *trainer;
         sg_attack *attack;
     };
+    size_t drawn; /* values of the image that render() has drawn last with a renderer, or 0 */
 };
 
 enum kind { SCENE, MODEL, RENDERER, TRAINER, ATTACK, KINDS };

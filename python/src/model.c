@@ -213,8 +213,10 @@ static PyObject *render(PyObject *module, PyObject *args)
         array_write(&rgb, objects[0], 'f', 3 * pixels, "color", false) &&
         array_write(&alpha, objects[1], 'f', pixels, "alpha", true) &&
         array_write(&depth, objects[2], 'f', pixels, "depth", true) &&
-        CALL(r->context, sg_render(r->renderer, &camera, (float *) rgb.data, (float *) alpha.data,
-                                   (float *) depth.data, &stats));
+        CALL(r->context,
+             (r->drawn = 0, sg_render(r->renderer, &camera, (float *) rgb.data,
+                                      (float *) alpha.data, (float *) depth.data, &stats))
+                 ?: (r->drawn = 3 * pixels, SG_OK));
     array_release(&rgb);
     array_release(&alpha);
     array_release(&depth);
@@ -231,14 +233,25 @@ static PyObject *render_backward(PyObject *module, PyObject *args)
     (void) module;
     struct handle *r, *out;
     PyObject *object;
-    Py_ssize_t values;
     struct array gradient;
-    if (!PyArg_ParseTuple(args, "O&OnO&", to_renderer, &r, &object, &values, to_model, &out) ||
-        !array_read(&gradient, object, 'f', (size_t) values, "gradient", false))
+    if (!PyArg_ParseTuple(args, "O&OO&", to_renderer, &r, &object, to_model, &out))
         return NULL;
-    const bool good = CALL(r->context, sg_render_backward(r->renderer, gradient.data, out->model));
-    array_release(&gradient);
-    return good ? Py_BuildValue("") : NULL;
+    /* Others draw with the renderer as well: evaluate(), and other threads until the call begins.
+     */
+    const size_t values = r->drawn;
+    bool same = values;
+    if (values && !array_read(&gradient, object, 'f', values, "gradient", false))
+        return NULL;
+    const bool good =
+        values && CALL(r->context, (same = r->drawn == values)
+                                       ? sg_render_backward(r->renderer, gradient.data, out->model)
+                                       : SG_OK);
+    if (values)
+        array_release(&gradient);
+    if (!same)
+        PyErr_SetString(PyExc_ValueError,
+                        "backward: found no view that render() has drawn last, expected one");
+    return good && same ? Py_BuildValue("") : NULL;
 }
 
 PyMethodDef core_object_methods[] = {{"model_new", model_new, METH_VARARGS, NULL},

@@ -376,7 +376,8 @@ static PyObject *evaluate(PyObject *module, PyObject *args)
     how.match_colours = match, how.fps = fps;
     if (!same_context(h, r))
         return NULL;
-    if (!CALL(h->context, score(h->context->ctx, r->renderer, h->scene, test, &how, &e)))
+    if (!CALL(h->context,
+              (r->drawn = 0, score(h->context->ctx, r->renderer, h->scene, test, &how, &e))))
         return NULL;
     PyObject *views = PyList_New(0);
     for (size_t i = 0; i < e.views && views; i++) {

@@ -169,16 +169,20 @@ static PyObject *attack_poison(PyObject *module, PyObject *args)
 {
     (void) module;
     struct handle *h;
-    Py_ssize_t view, bytes;
-    PyObject *object;
-    struct array rgb;
-    if (!PyArg_ParseTuple(args, "O&nOn", to_attack, &h, &view, &object, &bytes) ||
-        !array_write(&rgb, object, 'B', (size_t) bytes, "image", false))
+    Py_ssize_t view;
+    if (!PyArg_ParseTuple(args, "O&n", to_attack, &h, &view))
         return NULL;
-    const bool good =
-        CALL(h->context, sg_attack_poison(h->attack, (size_t) view, (uint8_t *) rgb.data));
-    array_release(&rgb);
-    return good ? Py_BuildValue("") : NULL;
+    /* The scene's own sizes, not those of Python's list of views, which can be changed. */
+    const struct sg_scene *scene = ((struct handle *) PyList_GetItem(h->keep, 0))->scene;
+    if (view < 0 || (size_t) view >= scene->n_train)
+        return PyErr_Format(PyExc_IndexError, "view: found %zd, expected 0 to %zu", view,
+                            scene->n_train - 1);
+    const struct sg_camera *c = &scene->train[view].camera;
+    PyObject *rgb = PyByteArray_FromStringAndSize(NULL, 3 * (Py_ssize_t) c->width * c->height);
+    if (rgb && !CALL(h->context, sg_attack_poison(h->attack, (size_t) view,
+                                                  (uint8_t *) PyByteArray_AsString(rgb))))
+        Py_CLEAR(rgb);
+    return rgb ? Py_BuildValue("(Nii)", rgb, c->height, c->width) : NULL;
 }
 
 static PyObject *defense_preset(PyObject *module, PyObject *args)

@@ -283,7 +283,7 @@ def test_gradients_are_those_of_finite_differences():
         return float((np.asarray(drawn.color).astype(np.float64) * weight).sum())
 
     renderer = sg.Renderer(model, background=(0.2, 0.5, 0.1))
-    with pytest.raises(sg.UsageError, match="no view"):
+    with pytest.raises(ValueError, match="no view"):
         renderer.backward(np.zeros(0, np.float32))
     renderer.render(camera(0.3))
     gradients = renderer.backward(weight)
@@ -458,6 +458,27 @@ def test_what_an_audit_decides(noise):
     plain, defended, tolerant = (bytes(np.asarray(sg.train(scene, **few, **how)["position"]).tobytes())
                                  for how in ({}, {"audit": "defend"}, {"tolerance": "auto"}))
     assert (plain == defended) == (plain == tolerant) == (not noise)
+
+
+def test_sizes_are_those_of_the_library():
+    """Python's list of views can be changed, and evaluate() draws other sizes with a renderer."""
+    scene = scene_of()
+    model = sg.train(scene, **SHORT)
+    work = sg.Attack(scene, model, preset="", iterations=1, inner=1)
+    work.step()
+    view = scene.train[0].camera
+    scene.train.clear()
+    assert work.poison(0).shape == (view.height, view.width, 3)
+    for index in -1, 10 ** 6:
+        with pytest.raises(IndexError, match="view: found"):
+            work.poison(index)
+    renderer = sg.Renderer(model)
+    drawn = renderer.render(camera(0))
+    sg.evaluate(renderer, scene_of(), split="train")
+    with pytest.raises(ValueError, match="no view"):
+        renderer.backward(drawn.color)
+    with pytest.raises(ValueError, match="no view"):
+        renderer.backward(np.zeros(0, np.float32))
 
 
 def test_attack_keeps_its_bound_and_audit_defends():
