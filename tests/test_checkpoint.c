@@ -610,10 +610,21 @@ static void test_networks(void **state)
     }
 }
 
-/* One anchor that is no number would make all networks so. */
+/* One anchor that is no number would make all networks so; SH that anchors do not have would be
+ * copied beyond their arrays. */
 static void test_anchors(void **state)
 {
     struct fixture *f = *state;
+    for (int degree = 1; degree <= 3; degree++) {
+        char *bad = malloc(f->size);
+        memcpy(bad, f->data, f->size);
+        memcpy(bad + AT_DEGREE, &degree, sizeof(degree));
+        seal(bad, f->size);
+        spill(f->path, bad, f->size);
+        free(bad);
+        expect_refusal(f, "SH of anchors");
+        assert_non_null(strstr(sg_last_error(f->ctx), "expected 0"));
+    }
     static const char *const titles[] = {"position", "scale", "anchor", "anchor_moment1"};
     for (size_t k = 0; k < sizeof(titles) / sizeof(titles[0]); k++) {
         int s = 0;

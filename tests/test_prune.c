@@ -413,11 +413,13 @@ static void limits_are_met(void **state)
         p.densify_grad_threshold = 1e-6f;
         f.scene.train = f.views;
         sg_trainer *t = begin_training(&f, &p);
-        size_t most = 0;
+        size_t most = 0, before = f.start->count;
         struct sg_train_limits limits;
         while (sg_trainer_iteration(t) < 40) {
             struct sg_train_step s;
             assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            assert_true(s.render.visible <= before); /* hits that are counted are not the step's */
+            before = s.gaussians;
             most = s.gaussians > most ? s.gaussians : most;
         }
         sg_trainer_limits(t, &limits);
@@ -425,9 +427,13 @@ static void limits_are_met(void **state)
         assert_true(way == SG_AT_LIMIT_UNIVERSAL ? most > 150 && most <= 300 : most <= 150);
         assert_int_equal(sg_trainer_model(t, &models[way]), SG_OK);
         sg_trainer_destroy(&t);
-        struct sg_model *again = train(&f, &p, 40, NULL, NULL, NULL);
+        struct sg_model *again = train(&f, &p, 40, "limit_at_20.bin", NULL, NULL),
+                        *resumed = train(&f, &p, 40, NULL, "limit_at_20.bin", NULL);
         assert_same(models[way], again);
+        assert_same(models[way], resumed); /* also of more than the limit */
+        remove("limit_at_20.bin");
         sg_model_destroy(&again);
+        sg_model_destroy(&resumed);
     }
     assert_true(models[0]->count != models[1]->count ||
                 memcmp(models[0]->params, models[1]->params, 64) != 0);

@@ -247,7 +247,7 @@ static size_t share_of(const struct sg_scores *s, size_t all, enum sg_prune_rule
             lowest += keep[i] && s->score[i] <= limit;
     }
     lowest = lowest < n ? lowest : n;
-    return lowest < all ? lowest : all - 1; /* a model keeps at least one Gaussian */
+    return lowest < all ? lowest : all ? all - 1 : 0; /* a model keeps at least one Gaussian */
 }
 
 /* Places of a column of the model. */

@@ -709,6 +709,7 @@ int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *vie
     if (!code)
         code = finish(e);
     const double start = begin(e, &e->times.count);
+    e->optimised = false; /* other views are drawn, which are no step */
     memset(hits, 0, sg_engine_count(e) * sizeof(*hits));
     for (size_t v = 0; v < n && !code; v++)
         if (!(code = sg_progress(e->ctx, SG_STAGE_COUNT, v, n)))
@@ -735,6 +736,7 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
         return SG_ERR_BUDGET;
     int code = finish(e);
     const double start = begin(e, &e->times.count);
+    e->optimised = false; /* other views are drawn, which are no step */
     memset(hits, 0, count * sizeof(*hits));
     for (size_t v = 0; v < n && !code; v++)
         if (!(code = sg_progress(e->ctx, SG_STAGE_COUNT, v, n)))

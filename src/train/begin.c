@@ -86,8 +86,9 @@ static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
 
 size_t sg_trainer_fit_count(sg_trainer *t, size_t n)
 {
-    const size_t each = sg_engine_each(t->engine), limit = t->budget.gaussians / each;
-    if (!t->budget.gaussians || n <= limit)
+    const size_t each = sg_engine_each(t->engine), limit = t->budget.gaussians / each,
+                 most = limit * sg_overshoot(&t->params, t->budget.by_memory);
+    if (!t->budget.gaussians || n <= most)
         return n;
     if (t->budget.by_memory && (double) n <= (1 + UNCERTAIN) * (double) limit) {
         t->budget.gaussians = n * each;

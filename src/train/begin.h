@@ -16,8 +16,8 @@ float sg_random_half_side(const struct sg_scene *scene, const struct sg_train_pa
  * is NULL. */
 int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial);
 
-/* How many of a checkpoint's n Gaussians the run keeps: fewer where the limits have become
- * tighter. */
+/* How many of a checkpoint's n Gaussians the run keeps: fewer where the limits have become tighter
+ * by more than those of memory vary from run to run, which then follow the checkpoint. */
 size_t sg_trainer_fit_count(sg_trainer *t, size_t n);
 
 #endif

@@ -5,6 +5,7 @@
 #include "engine/engine.h"
 #include "engine/registry.h"
 #include "scene/photo.h"
+#include "schedule.h"
 #include "splatguard/model.h"
 
 /* Bytes that training needs beside the engine. */
@@ -107,14 +108,14 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
             scene->path, (unsigned long long) limit, (unsigned long long) expected,
             (unsigned long long) (expected - least - view), (unsigned long long) view, LEAST,
             (unsigned long long) least);
-    const uint64_t room = limit - fixed, wanted = p->max_gaussians && p->max_gaussians < room / each
-                                                      ? p->max_gaussians * each
-                                                      : room;
+    const uint64_t most = p->max_gaussians * sg_overshoot(p, false), room = limit - fixed,
+                   wanted = most && most < room / each ? most * each : room;
     const uint64_t free = room - divide(&photos, room, least, wanted, out);
     const uint64_t fit = free / each;
-    out->by_memory = !p->max_gaussians || fit < p->max_gaussians;
-    out->gaussians = out->by_memory ? fit : p->max_gaussians;
-    const uint64_t left = free - out->gaussians * (each - LISTED * need.instance);
+    out->by_memory = !most || fit < most;
+    out->gaussians = p->max_gaussians && p->max_gaussians < fit ? p->max_gaussians : fit;
+    const uint64_t left =
+        free - (out->by_memory ? out->gaussians : most) * (each - LISTED * need.instance);
     const uint64_t lists = need.instance ? left / need.instance : p->max_instances;
     out->instances = lists < p->max_instances ? lists : p->max_instances;
     sg_log(
@@ -141,6 +142,7 @@ struct device_views {
     uint64_t passing;    /* room for the largest of the latter */
     uint64_t photos;     /* of both kinds */
     uint64_t buffers;    /* of the most demanding view */
+    uint64_t map;        /* the largest of its buffers */
 };
 
 static void add_views(struct device_views *v, const struct sg_engine_kind *engine,
@@ -151,6 +153,7 @@ static void add_views(struct device_views *v, const struct sg_engine_kind *engin
         work.width = views[i].camera.width, work.height = views[i].camera.height;
         sg_engine_on_device(engine, &work, &f);
         v->buffers = f.view > v->buffers ? f.view : v->buffers;
+        v->map = f.map > v->map ? f.map : v->map;
         if (trained)
             *(views[i].lazy ? &v->lazy : &v->held) += f.photo, v->photos++;
         if (trained && views[i].lazy && f.passing > v->passing)
@@ -159,8 +162,9 @@ static void add_views(struct device_views *v, const struct sg_engine_kind *engin
 }
 
 /* Memory has room for so many Gaussians. */
-static void lower(struct sg_budget *limits, uint64_t gaussians)
+static void lower(struct sg_budget *limits, const struct sg_train_params *p, uint64_t gaussians)
 {
+    limits->by_memory |= gaussians < limits->gaussians * sg_overshoot(p, limits->by_memory);
     if (!limits->gaussians || gaussians < limits->gaussians)
         limits->by_memory = true, limits->gaussians = gaussians;
 }
@@ -182,6 +186,12 @@ int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
     const uint64_t whole = sg_ctx_vram(ctx)->limit, limit = whole / 6 * 5,
                    each = need.gaussian + LISTED * need.instance, least = LEAST * each,
                    others = sg_vram_current(ctx, SG_MEM_TAGS) + v.held + v.buffers;
+    const uint64_t largest = sg_ctx_vram(ctx)->largest;
+    if (largest && v.map > largest)
+        return sg_fail(ctx, SG_ERR_BUDGET,
+                       "%s: memory of the device: found photos of which one buffer takes %llu "
+                       "bytes, expected at most %llu, which is all that its driver gives at once",
+                       scene->path, (unsigned long long) v.map, (unsigned long long) largest);
     /* Each photo that stays is an allocation, of which a driver gives a number. */
     const uint64_t most = sg_ctx_vram(ctx)->most;
     limits->photos_stay &= limit > others && v.lazy < (limit - others) / 2 &&
@@ -196,11 +206,11 @@ int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
             scene->path, (unsigned long long) whole,
             (unsigned long long) ((fixed + least) / 5 * 6 + 6), (unsigned long long) photos,
             (unsigned long long) v.buffers, LEAST, (unsigned long long) least);
-    lower(limits, (limit - fixed) / each);
-    uint64_t lists = (limit - fixed - limits->gaussians * need.gaussian) / need.instance;
-    const uint64_t largest = sg_ctx_vram(ctx)->largest;
+    lower(limits, p, (limit - fixed) / each);
+    const uint64_t planned = limits->gaussians * sg_overshoot(p, limits->by_memory);
+    uint64_t lists = (limit - fixed - planned * need.gaussian) / need.instance;
     if (largest && need.largest) {
-        lower(limits, largest / need.largest);
+        lower(limits, p, largest / need.largest);
         lists = lists < largest / need.instance ? lists : largest / need.instance;
     }
     limits->instances = lists < limits->instances ? lists : limits->instances;

@@ -316,6 +316,11 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path,
             (unsigned long long) h->seed, h->extent, t->scene->n_train,
             (unsigned long long) t->params.seed, t->extent);
 
+    /* Anchors have no spherical harmonics, and room for none. */
+    if (t->params.model == SG_MODEL_SCAFFOLD && h->sh_degree)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found anchors with SH degree %d, expected 0", path,
+                       h->sh_degree);
+
     if (h->cameras != cameras_hash(t->scene))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found a run on other training views, expected those of %s", path,

@@ -167,7 +167,7 @@ static const struct sg_option train_options[] = {
               DEFENSE, .words = "auto|preset", .first_word = SG_TOLERANCE_AUTO),
     FLOAT("tolerance-tv", tolerance_tv, 0, 1000,
           "Weight of the total variation of renders of photos with a tolerance: it chooses among "
-          "the images that the tolerance allows.",
+          "the images that the tolerance allows. With --lambda the defense's own takes its place.",
           DEFENSE, EXPERT),
     INTEGER(
         "tolerance-look", tolerance_look, -1, 1e9,

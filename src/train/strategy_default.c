@@ -15,8 +15,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     struct sg_densify_result r;
     const double start = sg_trainer_seconds_not_counting(t);
     const size_t n = sg_engine_count(t->engine);
-    /* A limit that follows from memory is never exceeded. */
-    const bool overshoots = p->at_limit == SG_AT_LIMIT_UNIVERSAL && !t->budget.by_memory,
+    const bool overshoots = sg_overshoot(p, t->budget.by_memory) > 1,
                stops = p->at_limit >= SG_AT_LIMIT_STOP;
     const int code = sg_densify(
         t->engine,

@@ -388,8 +388,9 @@ static bool is_look(const struct sg_train_params *p, int before, int it)
 int sg_trainer_exposures(sg_trainer *t, const float **out)
 {
     sg_clear_error(t->ctx);
-    *out = t->exposures;
-    return sg_engine_read_exposures(t->engine);
+    const int code = sg_engine_read_exposures(t->engine);
+    *out = code ? NULL : t->exposures;
+    return code;
 }
 
 /* The losses of a view in iteration `it`; returns their number. */
@@ -517,9 +518,10 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 
-    const bool settles = it > t->settles_from;
+    /* A step of several iterations that ends among those that settle has what was due before. */
+    const bool settles = it > t->settles_from, changes = before < t->settles_from;
     const struct sg_strategy_plan plan =
-        settles ? (struct sg_strategy_plan){0} : t->strategy->plan(t, before, it);
+        changes ? t->strategy->plan(t, before, it) : (struct sg_strategy_plan){0};
     if (plan.radii && (code = sg_engine_count_radii(t->engine)))
         return code;
     double lr[SG_GROUPS] = {
@@ -545,7 +547,7 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
             return code;
     }
     if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
-        (!settles && t->strategy->after_step &&
+        (changes && t->strategy->after_step &&
          (code = t->strategy->after_step(t, &plan, before, it, &render, &step))) ||
         (sg_renews_filter(p, before, it) && (code = sg_trainer_renew_filter(t))))
         return code;

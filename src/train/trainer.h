@@ -38,7 +38,7 @@ struct sg_trainer {
     sg_photo *photos;                      /* of the training views */
     float *tolerances;                     /* in force, of each photo; NULL = params.tolerance */
     float *exposures;                      /* that the engine learns, see exposure.h; or NULL */
-    uint32_t photos_hash;                  /* of their pixels as the run began with them */
+    uint32_t photos_hash;                  /* of their pixels as this process began with them */
     double densify_seconds, prune_seconds; /* of the strategy */
     bool reads_ahead;                      /* photos from their files, before they are used */
     uint64_t epoch;                        /* that `order` is for */
@@ -84,7 +84,7 @@ double sg_trainer_elapsed(const sg_trainer *t);
 double sg_trainer_seconds_not_counting(const sg_trainer *t);
 
 /* The tolerances of a run that has them of each view, measured anew after iteration `it`. Draws
- * other views. Without memory nothing changes. */
+ * other views. Where memory runs out some of them stay as they were. */
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out);
 
 /* How its views are drawn, on black. */

@@ -60,13 +60,13 @@ void sg_host_make_child(float *p, const struct sg_edit *edit, size_t entry);
 /* What inserted rows have for the array of a column; NULL: nothing. */
 const float *sg_host_rows_of(const struct sg_model *rows, int column);
 
-/* Where memory runs out the model is as it was, or edited and without its other columns. */
 /* Whether an edit gives planes of this fate zeros. */
 static inline bool sg_edit_zeroes(const struct sg_edit *edit, enum sg_fate fate)
 {
     return fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !edit->statistics);
 }
 
+/* Where memory runs out the model is as it was, or edited and without its other columns. */
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
 void sg_host_floor_scale(struct sg_host_model *h, float smallest);
 /* shape: through which it is drawn, or NULL. */

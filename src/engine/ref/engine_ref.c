@@ -20,7 +20,7 @@ struct ref_engine {
     size_t list_capacity;
     struct ref_image image;
     size_t pixels_capacity;
-    float *gradient, *scratch; /* 3 planes; 3 x 3 planes */
+    float *gradient, *scratch; /* 3 planes; 5 planes */
     struct pinhole view;
     struct sg_render_params params;
     int degree, grid_x, grid_y;
