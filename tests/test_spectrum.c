@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Where an image's energy is: against known images, and the whole transform written out. */
+#include "splatguard/audit.h"
 #include "splatguard/spectrum.h"
 
 #include <complex.h>
@@ -449,13 +450,34 @@ static void test_image_losses(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Sides are checked before anything is read or planned. */
+static void test_sides(void **state)
+{
+    (void) state;
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, NULL), SG_OK);
+    static const int sides[][2] = {{0, 10}, {10, 0}, {0, 0}, {-1, 4}, {16385, 1}};
+    struct sg_spectrum spectrum;
+    struct sg_audit_features features;
+    for (size_t i = 0; i < sizeof(sides) / sizeof(sides[0]); i++) {
+        const uint8_t rgb[3] = {0};
+        assert_int_equal(
+            sg_spectrum_measure(ctx, rgb, sides[i][0], sides[i][1], NULL, &spectrum, NULL),
+            SG_ERR_USAGE);
+        assert_int_equal(
+            sg_audit_measure(ctx, rgb, NULL, sides[i][0], sides[i][1], &features, NULL),
+            SG_ERR_USAGE);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_known),       cmocka_unit_test(test_whole),
-        cmocka_unit_test(test_oracle),      cmocka_unit_test(test_gradient),
-        cmocka_unit_test(test_friendly),    cmocka_unit_test(test_loss),
-        cmocka_unit_test(test_empty),       cmocka_unit_test(test_total_variation),
-        cmocka_unit_test(test_image_losses)};
+        cmocka_unit_test(test_known),        cmocka_unit_test(test_whole),
+        cmocka_unit_test(test_oracle),       cmocka_unit_test(test_gradient),
+        cmocka_unit_test(test_friendly),     cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_empty),        cmocka_unit_test(test_total_variation),
+        cmocka_unit_test(test_image_losses), cmocka_unit_test(test_sides)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,6 +2,8 @@
 /* The pool and what is promised to be safe on it. Run it under ThreadSanitizer too. */
 #include <sched.h>
 #include <stdatomic.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "core/context.h"
 #include "models.h"
@@ -158,6 +160,32 @@ static void test_independent_contexts(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* A forked process has the context but not its threads. */
+static void test_forked_process(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(4);
+    size_t counts[8] = {0};
+    sg_parallel_for(ctx, 8, add_one, counts);
+    const pid_t child = fork();
+    if (child == 0) {
+        alarm(60); /* it would wait for ever */
+        sg_parallel_for(ctx, 8, add_one, counts);
+        sg_ctx_destroy(&ctx);
+        for (int i = 0; i < 8; i++)
+            if (counts[i] != 2)
+                _exit(1);
+        _exit(0);
+    }
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+    sg_parallel_for(ctx, 8, add_one, counts);
+    for (int i = 0; i < 8; i++)
+        assert_int_equal(counts[i], 2);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -165,6 +193,7 @@ int main(void)
         cmocka_unit_test(test_jobs_in_a_row),
         cmocka_unit_test(test_ledger_limit_under_contention),
         cmocka_unit_test(test_independent_contexts),
+        cmocka_unit_test(test_forked_process),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

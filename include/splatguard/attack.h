@@ -162,15 +162,13 @@ SG_API int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t ind
                            const struct sg_attack_params *params, enum sg_naive_attack method,
                            uint8_t *rgb);
 
+enum sg_poison_save { SG_POISON_AUTO, SG_POISON_PNG, SG_POISON_JPEG };
+
 /* How a poisoned copy of a scene is written. */
 struct sg_poison_files {
-    enum sg_poison_save {
-        SG_POISON_AUTO,
-        SG_POISON_PNG,
-        SG_POISON_JPEG
-    } save;           /* default: JPEG for COLMAP, else PNG */
-    int jpeg_quality; /* 1..100. Default 75. */
-    bool full_chroma; /* JPEG 4:4:4. Default false: 4:2:0. */
+    enum sg_poison_save save; /* default: JPEG for COLMAP, else PNG */
+    int jpeg_quality;         /* 1..100. Default 75. */
+    bool full_chroma;         /* JPEG 4:4:4. Default false: 4:2:0. */
 };
 #define SG_POISON_FILE_DEFAULTS .jpeg_quality = 75
 SG_API struct sg_poison_files sg_poison_files_default(void);

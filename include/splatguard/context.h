@@ -31,7 +31,8 @@ enum sg_mem_tag {
     SG_MEM_TAGS
 };
 
-/* Calls that can take more than a second report progress in these stages. The comments name the
+/* Loading, audits, evaluation, synthesis, trainings and attacks report progress in these stages;
+ * writing and single views do not. The comments name the
  * units of `done` and `total`. A stage can be reported more than once, each time from 0. */
 enum sg_stage {
     SG_STAGE_LOAD,     /* sg_scene_load: photos; 0 of 1 within large text files of COLMAP */
@@ -58,7 +59,8 @@ struct sg_ctx_params {
     int threads;
     uint64_t max_memory; /* bytes that may be allocated at once; 0 = no limit. Default 0. */
     /* Bytes of a device's memory that its engine may hold at once; 0 = nine tenths of what is free
-     * when it starts. Default 0. */
+     * when it starts, which several contexts on one device do not share: give each its own limit.
+     * Default 0. */
     uint64_t max_vram;
     /* NULL = silent. Called on any thread, perhaps on several at once. The message is valid during
      * the call only. Default NULL. */

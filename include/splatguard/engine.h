@@ -42,8 +42,8 @@ struct sg_device_info {
     const char *missing;          /* static: what our kernels need and it lacks; NULL = nothing */
 };
 
-/* Fills in at most `most` devices; returns their number. missing: what the machine or this build
- * lacks to have any, static; or NULL. Thread safety: safe. */
+/* Fills in at most `most` devices; returns their number. missing: NULL, or receives what the
+ * machine or this build lacks to have any, a static text, or NULL. Thread safety: safe. */
 SG_API size_t sg_device_list(struct sg_device_info *out, size_t most, const char **missing);
 
 #ifdef __cplusplus

@@ -49,7 +49,7 @@ bool sg_replaceable(const char *path)
 FILE *sg_temporary_open(const char *path)
 {
     unlink(path); /* left by a process with the same number, or put there on purpose */
-    return fopen(path, "wbx");
+    return fopen(path, "wbxe");
 }
 
 bool sg_temporary_finish(FILE *stream, const char *temporary, const char *path)

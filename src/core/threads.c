@@ -5,6 +5,7 @@
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 struct worker {
     sg_pool *pool;
@@ -13,7 +14,8 @@ struct worker {
 };
 
 struct sg_pool {
-    int threads; /* the calling thread is number 0 */
+    int threads;   /* the calling thread is number 0 */
+    pid_t process; /* that has them: a forked one has a copy of the pool without its threads */
     struct worker *workers;
     pthread_mutex_t lock;
     pthread_cond_t start, done;
@@ -84,6 +86,7 @@ int sg_pool_create(sg_pool **out, int threads)
     pthread_cond_init(&pool->start, NULL);
     pthread_cond_init(&pool->done, NULL);
     pool->threads = 1;
+    pool->process = getpid();
     pool->workers = calloc((size_t) threads, sizeof(*pool->workers));
     if (!pool->workers)
         goto fail;
@@ -105,15 +108,17 @@ void sg_pool_destroy(sg_pool **p)
     sg_pool *pool = *p;
     if (!pool)
         return;
-    pthread_mutex_lock(&pool->lock);
-    atomic_store(&pool->quit, true);
-    pthread_cond_broadcast(&pool->start);
-    pthread_mutex_unlock(&pool->lock);
-    for (int i = 1; i < pool->threads; i++)
-        pthread_join(pool->workers[i].thread, NULL);
-    pthread_cond_destroy(&pool->done);
-    pthread_cond_destroy(&pool->start);
-    pthread_mutex_destroy(&pool->lock);
+    if (pool->process == getpid()) {
+        pthread_mutex_lock(&pool->lock);
+        atomic_store(&pool->quit, true);
+        pthread_cond_broadcast(&pool->start);
+        pthread_mutex_unlock(&pool->lock);
+        for (int i = 1; i < pool->threads; i++)
+            pthread_join(pool->workers[i].thread, NULL);
+        pthread_cond_destroy(&pool->done);
+        pthread_cond_destroy(&pool->start);
+        pthread_mutex_destroy(&pool->lock);
+    }
     free(pool->workers);
     free(pool);
     *p = NULL;
@@ -126,7 +131,7 @@ int sg_pool_threads(const sg_pool *pool)
 
 void sg_pool_run(sg_pool *pool, size_t n, void (*fn)(void *, size_t, int), void *arg)
 {
-    if (pool->threads == 1 || n < 2) {
+    if (pool->threads == 1 || n < 2 || pool->process != getpid()) {
         for (size_t i = 0; i < n; i++)
             fn(arg, i, 0);
         return;

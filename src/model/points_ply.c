@@ -94,7 +94,8 @@ int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const u
 
 void sg_points_destroy(float **xyz, uint8_t **rgb)
 {
-    sg_free(*xyz);
-    sg_free(*rgb);
-    *xyz = NULL, *rgb = NULL;
+    if (xyz)
+        sg_free(*xyz), *xyz = NULL;
+    if (rgb)
+        sg_free(*rgb), *rgb = NULL;
 }

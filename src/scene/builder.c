@@ -391,8 +391,8 @@ static void warn(sg_ctx *ctx, const struct sg_scene *scene)
                scene->path);
     if (!scene->n_points && scene->format != SG_FORMAT_BLENDER)
         sg_log(ctx, SG_LOG_WARN,
-               "%s: found no points: training starts from random ones in a cube of 2.6 units about "
-               "the origin",
+               "%s: found no points: training starts from random ones; in a large scene "
+               "--random-extent 1 to 3 can give better views",
                scene->path);
 }
 

@@ -8,6 +8,7 @@
 #include "frequency.h"
 
 #include "math/spectrum.h"
+#include "scene/reader.h"
 
 /* An image and its half spectrum, in panels. */
 struct transform {
@@ -143,6 +144,10 @@ int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
 {
     const struct sg_spectrum_params p = params ? *params : sg_spectrum_params_default();
     const size_t pixels = (size_t) width * (size_t) height;
+    if (width < 1 || height < 1 || width > SG_SIDE_MAX || height > SG_SIDE_MAX)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "spectrum: found an image of %d x %d, expected sides from 1 to %d", width,
+                       height, SG_SIDE_MAX);
     if (!(p.low >= 0 && p.high >= p.low && p.high <= 1) || p.bins < 2 ||
         p.bins > SG_SPECTRUM_BINS_MAX || p.bins % 2)
         return sg_fail(ctx, SG_ERR_USAGE,

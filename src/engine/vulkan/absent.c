@@ -43,6 +43,7 @@ const struct sg_engine_kind sg_engine_vulkan = {
 size_t sg_device_list(struct sg_device_info *out, size_t most, const char **missing)
 {
     (void) out, (void) most;
-    *missing = MISSING;
+    if (missing)
+        *missing = MISSING;
     return 0;
 }

@@ -65,7 +65,8 @@ int sg_vulkan_project(struct vulkan_engine *e, const struct sg_camera *camera, i
     e->terms = (struct vulkan_terms){.width = e->width, .height = e->height};
     int code;
     if ((code = sg_gpu_reserve(g, SG_MEM_MISC, &e->view, 4 * (VK_VIEW + VK_STEP))) ||
-        (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &e->splats, 64 * (uint64_t) e->count)) ||
+        (code =
+             sg_gpu_reserve(g, SG_MEM_SPLATS, &e->splats, (4 * VK_SPLAT) * (uint64_t) e->count)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->image, 4 * values)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->gradient, 4 * values)) ||
         (code = sg_gpu_lists_begin(g, &e->lists, e->count, camera->width, camera->height,
@@ -553,11 +554,14 @@ static struct sg_footprint on_device(const struct sg_work *work)
     const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height,
                    tiles =
                        gpu_groups((uint64_t) w->width, 16) * gpu_groups((uint64_t) w->height, 16);
+    const uint64_t parameters =
+        4 * (uint64_t) sg_column_array_planes(SG_C_PARAMETERS, w->sh_degree);
     const uint64_t exposure = w->exposure ? 4 * SG_EXPOSURE_FLOATS : 0;
     const struct sg_footprint f = {
         .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_SH) + 1,
         .instance = INSTANCE_BYTES,
-        .largest = 4 * (uint64_t) sg_column_array_planes(SG_C_PARAMETERS, w->sh_degree),
+        .largest = parameters > (4 * VK_SPLAT) ? parameters : (4 * VK_SPLAT),
+        .map = pixels * VK_MAPS_BYTES,
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64 + 4 * VK_UNIT) +
                 (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)
                                : 0),

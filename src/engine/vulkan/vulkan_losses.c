@@ -107,7 +107,7 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
     const bool given = is_given(t);
     int code;
     if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * values)) ||
-        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * 4 * values)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, VK_MAPS_BYTES * pixels)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 3 * 4 * groups)) ||
         (t->planes && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values))) ||
         (t->planes && (code = sg_gpu_write(g, &e->given, 0, t->planes, 4 * values))))
