@@ -1,8 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* splatguard audit: are these photos poisoned? */
 
+#include <string.h>
+
 #include "commands.h"
 #include "interrupt.h"
+#include "photo_folder.h"
 
 struct audit_config {
     struct sg_scene_params scene;
@@ -105,15 +108,38 @@ static int verdict_status(enum sg_audit_verdict verdict)
                                             : STATUS_DONE;
 }
 
+/* Photos without cameras are taken as they are. */
+static int check_photo_options(const struct audit_config *c, const bool *given, const char *path)
+{
+    static const char used[] = "|test-every|follow-links|";
+    char name[80];
+    for (const struct sg_option *row = sg_scene_options(); row->name; row++) {
+        const size_t at = (size_t) ((const char *) &c->scene - (const char *) c) + row->offset;
+        snprintf(name, sizeof(name), "|%s|", row->name);
+        if (strstr(used, name) || !options_given(&command_audit, given, at))
+            continue;
+        say(stderr,
+            "splatguard audit: --%s: found without effect on %s, which has photos but no cameras; "
+            "expected a scene\n",
+            row->name, path);
+        return STATUS_USAGE;
+    }
+    return STATUS_DONE;
+}
+
 static int run_audit(const void *config, const bool *given, const char *const *positional,
                      int count)
 {
-    (void) given, (void) count;
+    (void) count;
     struct audit_config c = *(const struct audit_config *) config;
     sg_ctx *ctx;
     struct sg_scene *scene = NULL;
     struct sg_audit *audit = NULL;
-    int code = open_context(&ctx, c.threads, c.max_memory, c.quiet);
+    struct photo_folder *photos = NULL;
+    const bool alone = is_photo_folder(positional[0]);
+    int code = alone ? check_photo_options(config, given, positional[0]) : STATUS_DONE;
+    if (!code)
+        code = open_context(&ctx, c.threads, c.max_memory, c.quiet);
     if (code)
         return code;
     if (c.report && (code = report(ctx, sg_output_check_file(ctx, c.report)))) {
@@ -122,7 +148,8 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     }
     c.scene.eval = c.eval;
     interrupt_catch();
-    int error = sg_scene_load(ctx, positional[0], &c.scene, &scene);
+    int error = alone ? photo_folder_load(ctx, positional[0], &c.scene, &photos, &scene)
+                      : sg_scene_load(ctx, positional[0], &c.scene, &scene);
     if (!error)
         error = sg_audit_scene(ctx, scene, &audit);
     if (error)
@@ -137,18 +164,21 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         code = verdict_status(audit->verdict);
     sg_audit_destroy(&audit);
     sg_scene_destroy(&scene);
+    photo_folder_clear(&photos);
     sg_ctx_destroy(&ctx);
     return code;
 }
 
 const struct command command_audit = {
     .name = "audit",
-    .arguments = "SCENE [options]",
+    .arguments = "SCENE|PHOTOS [options]",
     .summary = "Tells poisoned photos from clean ones, before training.",
     .description =
         "Looks for the traces that attacks on the cost of training leave: fine "
         "oscillation in whole photos or in parts of them. The exit status is 0 for every verdict, "
-        "unless --exit-code is given.",
+        "unless --exit-code is given. PHOTOS is a folder of photos without cameras, which are "
+        "taken "
+        "at their own size.",
     .groups = "Output|Scene",
     .options = audit_options,
     .parts = audit_parts,

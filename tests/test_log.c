@@ -18,7 +18,7 @@ static void keep(void *priv, enum sg_log_level level, const char *message)
     snprintf(l->text + used, sizeof(l->text) - used, "%s\n", message);
 }
 
-/* Trains on a scene without points, from a model in few instances at once, with a filter. */
+/* Trains from a model that is thinned out, in few instances at once, with a filter. */
 static void train(struct log *l, enum sg_log_level level)
 {
     sg_ctx *ctx;
@@ -42,7 +42,7 @@ static void train(struct log *l, enum sg_log_level level)
     struct sg_model *m = make_model(ctx, 400, 0, 3);
     struct sg_train_params p = sg_train_params_default();
     p.iterations = 10, p.densify_from_iter = 1, p.densification_interval = 4;
-    p.max_instances = 300;
+    p.max_instances = 300, p.max_gaussians = 390;
     p.defense.on = true, p.defense.interval = 2, p.defense.from = 1, p.defense.views = 2;
     assert_int_equal(sg_trainer_create(ctx, scene, m, &p, &t), SG_OK);
     sg_model_destroy(&m);
@@ -71,12 +71,12 @@ static void test_decisions(void **state)
     static struct log l;
     train(&l, SG_LOG_DEBUG);
     static const char *const expected[] = {
-        "scene from memory: found no points",
+        "400 initial Gaussians are more than fit: training starts from 390 of them",
         "scene from memory: memory scene, 3 train",
         "engine: cpu, kernels ",
         "memory: limit 67108864 bytes",
         "engine: 40 x 40 pixels in ",
-        "iteration 4: of 388 Gaussians ",
+        "iteration 4: of 379 Gaussians ",
         "the filter removed ",
     };
     for (size_t i = 0; i < sizeof(expected) / sizeof(*expected); i++)

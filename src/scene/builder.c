@@ -389,11 +389,6 @@ static void warn(sg_ctx *ctx, const struct sg_scene *scene)
         sg_log(ctx, SG_LOG_WARN,
                "%s: found all training cameras in one place: positions will hardly learn",
                scene->path);
-    if (!scene->n_points && scene->format != SG_FORMAT_BLENDER)
-        sg_log(ctx, SG_LOG_WARN,
-               "%s: found no points: training starts from random ones; in a large scene "
-               "--random-extent 1 to 3 can give better views",
-               scene->path);
 }
 
 int sg_scene_builder_finish(sg_scene_builder **builder, struct sg_scene **out)

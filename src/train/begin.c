@@ -123,6 +123,12 @@ int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
                        "init: found an initial model, expected none with the strategy %s, which "
                        "makes its own",
                        t->strategy->name);
+    if (!initial && !t->scene->n_points && t->scene->format != SG_FORMAT_BLENDER)
+        sg_log(
+            t->ctx, SG_LOG_WARN,
+            "%s: found no points: training starts from random ones, at most %.3g scene units from "
+            "the origin along each axis; --random-extent 1 to 3 can suit a large scene better",
+            t->scene->path, (double) sg_random_half_side(t->scene, &t->params));
     const size_t n = initial ? initial->count * each : initial_count(t->scene, &t->params);
     int code = initial ? sg_model_check(t->ctx, initial, "initial model") : SG_OK;
     if (!code && initial)

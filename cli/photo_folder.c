@@ -1,0 +1,166 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "photo_folder.h"
+
+#include <dirent.h>
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+struct photo {
+    struct photo_folder *folder;
+    char *name;
+    int width, height;
+};
+
+struct photo_folder {
+    sg_ctx *ctx; /* its own: the library's may not be used while it asks for pixels */
+    const char *path;
+    uint64_t max_pixels;
+    struct photo *photos;
+    size_t n;
+};
+
+static bool is_photo_name(const char *name)
+{
+    static const char *const endings[] = {".png", ".jpg", ".jpeg", ".webp"};
+    const char *dot = strrchr(name, '.');
+    bool is = false;
+    for (size_t i = 0; i < sizeof(endings) / sizeof(endings[0]) && dot; i++)
+        is |= dot > name && !strcasecmp(dot, endings[i]);
+    return is;
+}
+
+static bool has(const char *folder, const char *name)
+{
+    char path[PATH_MAX];
+    return snprintf(path, sizeof(path), "%s/%s", folder, name) < (int) sizeof(path) &&
+           !access(path, F_OK);
+}
+
+bool is_photo_folder(const char *path)
+{
+    static const char *const scene[] = {"sparse", "transforms_train.json", "transforms.json"};
+    bool any = false;
+    for (size_t i = 0; i < sizeof(scene) / sizeof(scene[0]); i++)
+        if (has(path, scene[i]))
+            return false;
+    DIR *d = opendir(path);
+    for (struct dirent *e; d && !any && (e = readdir(d));)
+        any = is_photo_name(e->d_name);
+    if (d)
+        closedir(d);
+    return any;
+}
+
+static int compare_names(const void *a, const void *b)
+{
+    return strcmp(((const struct photo *) a)->name, ((const struct photo *) b)->name);
+}
+
+/* Its photos by name. Returns whether there was memory for them. */
+static bool list(struct photo_folder *f, bool follow_links)
+{
+    DIR *d = opendir(f->path);
+    bool good = true;
+    for (struct dirent *e; d && good && (e = readdir(d));) {
+        char path[PATH_MAX];
+        struct stat st;
+        if (!is_photo_name(e->d_name) ||
+            snprintf(path, sizeof(path), "%s/%s", f->path, e->d_name) >= (int) sizeof(path) ||
+            (follow_links ? stat : lstat)(path, &st) || !S_ISREG(st.st_mode))
+            continue;
+        struct photo *more = realloc(f->photos, (f->n + 1) * sizeof(*more));
+        good = more != NULL;
+        if (good) {
+            f->photos = more;
+            f->photos[f->n] = (struct photo){.folder = f, .name = strdup(e->d_name)};
+            good = f->photos[f->n].name != NULL;
+            f->n += good;
+        }
+    }
+    if (d)
+        closedir(d);
+    if (f->n)
+        qsort(f->photos, f->n, sizeof(*f->photos), compare_names);
+    return good;
+}
+
+/* sg_view_desc.read. A photo that has another size than before has changed. */
+static int read_photo(void *priv, uint8_t *rgb)
+{
+    const struct photo *p = priv;
+    const struct photo_folder *f = p->folder;
+    struct sg_picture picture = {0};
+    char path[PATH_MAX];
+    snprintf(path, sizeof(path), "%s/%s", f->path, p->name);
+    const bool good = !sg_picture_read(f->ctx, path, f->max_pixels, &picture) &&
+                      picture.width == p->width && picture.height == p->height;
+    if (good)
+        memcpy(rgb, picture.rgb, 3 * (size_t) p->width * (size_t) p->height);
+    sg_picture_clear(&picture);
+    return !good;
+}
+
+static int add_photo(sg_ctx *ctx, sg_scene_builder *builder, struct photo *p, size_t place)
+{
+    struct sg_picture picture = {0};
+    char path[PATH_MAX];
+    snprintf(path, sizeof(path), "%s/%s", p->folder->path, p->name);
+    const int code = sg_picture_read(ctx, path, p->folder->max_pixels, &picture);
+    p->width = picture.width, p->height = picture.height;
+    sg_picture_clear(&picture);
+    if (code)
+        return code;
+    return sg_scene_builder_add_view(
+        builder, &(struct sg_view_desc){.name = p->name,
+                                        .camera = {.width = p->width,
+                                                   .height = p->height,
+                                                   .fx = p->width,
+                                                   .fy = p->width,
+                                                   .cx = 0.5 * p->width,
+                                                   .cy = 0.5 * p->height,
+                                                   .R = {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                                                   .t = {(double) place, 0, 0}},
+                                        .read = read_photo,
+                                        .read_priv = p});
+}
+
+int photo_folder_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
+                      struct photo_folder **folder, struct sg_scene **scene)
+{
+    struct photo_folder *f = *folder = calloc(1, sizeof(*f));
+    sg_scene_builder *builder = NULL;
+    *scene = NULL;
+    if (!f)
+        return SG_ERR_BUDGET;
+    f->path = path, f->max_pixels = params->max_pixels;
+    int code = sg_ctx_create(
+        &f->ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = sg_mem_limit(ctx)});
+    if (!code)
+        code = list(f, params->follow_links) ? sg_scene_builder_create(ctx, params, &builder)
+                                             : SG_ERR_BUDGET;
+    if (!code)
+        sg_scene_builder_keep_photos(builder, 0);
+    for (size_t i = 0; i < f->n && !code; i++)
+        code = add_photo(ctx, builder, &f->photos[i], i);
+    if (!code)
+        code = sg_scene_builder_finish(&builder, scene);
+    sg_scene_builder_destroy(&builder);
+    return code;
+}
+
+void photo_folder_clear(struct photo_folder **folder)
+{
+    struct photo_folder *f = *folder;
+    for (size_t i = 0; f && i < f->n; i++)
+        free(f->photos[i].name);
+    if (f) {
+        free(f->photos);
+        sg_ctx_destroy(&f->ctx);
+    }
+    free(f);
+    *folder = NULL;
+}

@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
+# An audit of photos that no scene names.
+. "$(dirname "$0")/common.sh"
+small_scene
+scores() { tr -d ' \n' <out | grep -o '"score":[0-9.e-]*' | sort; }
+expect 0 audit scene/blender --json -q && scores >of_scene
+mkdir 'my photos' && cp scene/blender/train/*.png 'my photos'
+ln -s "$PWD/scene/blender/test/"*_0.png 'my photos/link.png'
+mkfifo 'my photos/pipe.jpg'
+echo notes >'my photos/notes.txt'
+expect 0 audit 'my photos' --json -q && scores >of_photos
+cmp of_scene of_photos || fail "scores of photos alone differ from those of their scene"
+tr -d ' \n' <out | grep -q '"name":"[^"]*\.png"' || fail "photos have other names than their files: $(cat out)"
+expect 0 audit 'my photos' --report page.html -q --max-memory 64M
+grep -q '<img' page.html || fail "a page without photos"
+expect 1 audit 'my photos' --downscale 2; says '--downscale: found without effect on my photos'
+echo 'no photo' >'my photos/zz.JPG'
+expect 2 audit 'my photos'; says 'my photos/zz.JPG'
+[ ! -s out ] || fail "a verdict in spite of a photo that cannot be read"
