@@ -281,7 +281,7 @@ static void nerfstudio(void **state)
         put_png(f, (char[]){'i', 'm', 'a', 'g', 'e', 's', '/', c, '.', 'p', 'n', 'g', 0}, 20, 10, 3,
                 c);
     struct sg_scene *s = load(f, sg_scene_params(.eval = true, .test_every = 3));
-    assert_int_equal(f->warnings, 2); /* missing photos, no points */
+    assert_int_equal(f->warnings, 1); /* missing photos */
     assert_int_equal(s->format, SG_FORMAT_NERFSTUDIO);
     assert_int_equal(s->n_train, 2);
     assert_int_equal(s->n_test, 2);

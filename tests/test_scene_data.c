@@ -154,7 +154,7 @@ static void fox(void **state)
     load_capture(f, "fox", sg_scene_params(.eval = true, .downscale = 8), &s);
     assert_int_equal(s->n_train + s->n_test, 50);
     assert_int_equal(s->n_test, 7);
-    assert_int_equal(f->warnings, 2); /* missing photos, no points */
+    assert_int_equal(f->warnings, 1); /* missing photos */
     assert_int_equal(s->train[0].camera.width, 135);
     assert_int_equal(s->train[0].file_height, 1920);
     check_views(s->train, s->n_train);

@@ -213,6 +213,8 @@ size_t sg_device_list(struct sg_device_info *out, size_t most, const char **miss
     struct vk_device_choice devices[VK_DEVICES];
     size_t n = 0;
     const char *lacks = sg_vk_open(&vk);
+    if (missing)
+        *missing = lacks;
     if (!lacks) {
         const int found = sg_vk_devices(&vk, devices);
         for (int i = 0; i < found && n < most; i++)
@@ -223,8 +225,6 @@ size_t sg_device_list(struct sg_device_info *out, size_t most, const char **miss
     seen.known = true;
     seen.missing = lacks;
     pthread_mutex_unlock(&seen.lock);
-    if (missing)
-        *missing = lacks;
     return n;
 }
 
