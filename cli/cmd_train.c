@@ -208,9 +208,11 @@ static void say_end(const struct train_config *c, const struct sg_run_status *s,
 {
     const bool kept = error && error != SG_ERR_INTERRUPTED;
     if (s->ended_by == SG_ERR_BUDGET && !error)
-        say_limit();
+        say_limit("");
     if ((kept || s->ended_by) && s->saved)
         say(stderr, "the model of iteration %d is saved in %s\n", s->saved, c->run.folder);
+    else if (!error && s->saved && !c->quiet)
+        say(stderr, "%s/point_cloud/iteration_%d/point_cloud.ply\n", c->run.folder, s->saved);
     if ((!error || error == SG_ERR_INTERRUPTED) && !s->ended_by && s->limits.time_bound)
         say(stderr, "time was short: %llu of %d iterations were done, on the schedule of all\n",
             (unsigned long long) s->limits.steps, s->iteration);

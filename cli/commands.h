@@ -62,8 +62,8 @@ uint64_t resident_bytes(pid_t process);
 /* On a clock that is never set. */
 double clock_seconds(void);
 
-/* Explains how --max-memory relates to the limit in messages. */
-void say_limit(void);
+/* Explains how --max-memory relates to the limit in a message. */
+void say_limit(const char *message);
 
 /* The same as report for a check of parameters, whose error names the field of an option. */
 int report_option(const sg_ctx *ctx, const struct command *command, int error);

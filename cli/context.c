@@ -32,17 +32,22 @@ int report(const sg_ctx *ctx, int error)
     else
         say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
     if (error == SG_ERR_BUDGET)
-        say_limit();
+        say_limit(text);
     return exit_code(error);
 }
 
-void say_limit(void)
+void say_limit(const char *message)
 {
+    static const char start[] = ": memory: found a limit of ";
+    const char *at = strstr(message, start);
+    unsigned long long limit, least;
+    char enough[80] = "";
+    if (at && sscanf(at + strlen(start), "%llu bytes, expected at least %llu", &limit, &least) == 2)
+        snprintf(enough, sizeof(enough), "; --max-memory %lluM has room for what is expected",
+                 (least + memory.outside + (1 << 20)) >> 20);
     if (memory.whole)
-        say(stderr,
-            "the limit is --max-memory, %llu bytes, less %llu for the process itself; add the "
-            "latter to the number expected\n",
-            (unsigned long long) memory.whole, (unsigned long long) memory.outside);
+        say(stderr, "the limit is --max-memory, %llu bytes, less %llu for the process itself%s\n",
+            (unsigned long long) memory.whole, (unsigned long long) memory.outside, enough);
 }
 
 int report_option(const sg_ctx *ctx, const struct command *command, int error)

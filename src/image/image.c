@@ -279,8 +279,10 @@ static enum signature signature_of(const uint8_t *head, size_t size)
     return size >= 12 && !memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4) ? WEBP : UNKNOWN;
 }
 
-static int unknown(sg_ctx *ctx, const char *name)
+static int unknown(sg_ctx *ctx, const char *name, uint64_t size)
 {
+    if (!size)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found an empty file, expected an image", name);
     return sg_fail(ctx, SG_ERR_INPUT,
                    "%s: first bytes: found no known signature, expected a PNG, JPEG or WebP image",
                    name);
@@ -303,7 +305,7 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
         code = decode_webp(ctx, name, data, size, max_pixels, out);
         break;
     default:
-        return unknown(ctx, name);
+        return unknown(ctx, name, size);
     }
     if (code)
         sg_image_clear(out);
@@ -321,7 +323,7 @@ int sg_image_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_pixels,
     /* Before the whole file is in memory. */
     const size_t n = sg_source_fill(in, SIGNATURE_BYTES);
     if (signature_of((const uint8_t *) in->window, n) == UNKNOWN)
-        return unknown(ctx, in->path);
+        return unknown(ctx, in->path, in->size);
     if (in->size > limit)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, the limit is %llu", in->path,
                        (unsigned long long) in->size, (unsigned long long) limit);

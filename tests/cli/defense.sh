@@ -155,7 +155,7 @@ if [ -n "${SG_TEST_ENGINE-}" ]; then
 elif ! sanitized; then
     large="--iterations 20 --resolution 800 --init-points 300 --max-gaussians 500 -q"
     expect 0 train scene/blender -o roomy $large
-    expect 3 train scene/blender -o tight $large --max-memory 60M
+    expect 3 train scene/blender -o tight $large --max-memory 60M; says 'M has room for what is expected'
     need=$(sed -n 's/.*expected at least \([0-9]*\):.*/\1/p' err)
     own=$(sed -n 's/.*less \([0-9]*\) for the process.*/\1/p' err)
     limit=$((need + own + 1000000)) # for the process, which varies

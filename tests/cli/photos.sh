@@ -16,4 +16,6 @@ grep -q '<img' page.html || fail "a page without photos"
 expect 1 audit 'my photos' --downscale 2; says '--downscale: found without effect on my photos'
 echo 'no photo' >'my photos/zz.JPG'
 expect 2 audit 'my photos'; says 'my photos/zz.JPG'
+: >'my photos/zz.JPG'
+expect 2 audit 'my photos'; says 'my photos/zz.JPG: found an empty file, expected an image'
 [ ! -s out ] || fail "a verdict in spite of a photo that cannot be read"
