@@ -133,7 +133,7 @@ static int adopt_attack(struct attack_config *c, const bool *given, const char *
         return code;
     run->scene.follow_links = p->scene.follow_links; /* permission is given anew for each run */
     run->scene.strict = p->scene.strict;
-    run->keep_decoy = p->keep_decoy;
+    run->keep_decoy = p->keep_decoy = p->keep_decoy || run->keep_decoy;
     if (options_given(&command_attack, given, A(run.max_memory)))
         run->max_memory = p->max_memory;
     if (options_given(&command_attack, given, A(run.max_vram)))

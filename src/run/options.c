@@ -110,7 +110,7 @@ static const struct sg_option attack_run_options[] = {
     INTEGER("proxy-iterations", proxy_iterations, 1, 1e7,
             "Iterations of the proxy that is trained.", GROUP("Proxy and decoy")),
     SG_FLAG("keep-decoy", keep_decoy, "Save the decoy as attack/decoy.ply.",
-            GROUP("Proxy and decoy"), .transient = true),
+            GROUP("Proxy and decoy")),
     SG_CHOICE("save", files.save, "auto|png|jpg", "FORMAT",
               "auto: JPEG for COLMAP scenes, as published, else PNG. JPEG does not keep the bound.",
               GROUP("Files")),

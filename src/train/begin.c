@@ -130,6 +130,11 @@ int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
             "the origin along each axis; --random-extent 1 to 3 can suit a large scene better",
             t->scene->path, (double) sg_random_half_side(t->scene, &t->params));
     const size_t n = initial ? initial->count * each : initial_count(t->scene, &t->params);
+    if (t->params.strategy == SG_STRATEGY_MCMC && n > t->params.mcmc.cap_max)
+        sg_log(t->ctx, SG_LOG_WARN,
+               "%zu initial Gaussians are more than --cap-max, %llu, which limits growth alone; "
+               "--max-gaussians thins them out",
+               n, (unsigned long long) t->params.mcmc.cap_max);
     int code = initial ? sg_model_check(t->ctx, initial, "initial model") : SG_OK;
     if (!code && initial)
         code = check_kind(t, initial);

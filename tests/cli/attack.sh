@@ -40,7 +40,7 @@ done
 
 # The same bytes, also in two parts and with another number of threads.
 expect 0 attack scene/blender -o again $options --proxy seed --threads 1
-"$tool" attack scene/blender -o cut $(once $options --proxy seed --iterations 20000) 2>err &
+"$tool" attack scene/blender -o cut $(once $options --proxy seed --iterations 20000) --keep-decoy 2>err &
 pid=$!
 wait_for cut/attack/log.jsonl
 interrupt $pid
@@ -52,6 +52,7 @@ reached=$(sed -n '$s/{"iteration":\([0-9]*\).*/\1/p' cut/attack/log.jsonl)
 expect 1 attack --resume cut --epsilon 8; says '--epsilon'
 sed -i "s/\"iterations\": 20000/\"iterations\": $((reached + after))/" cut/attack/config.json
 (cd scene && "$tool" attack --resume ../cut --quiet) || fail "resumed from another folder"
+[ -s cut/attack/decoy.ply ] || fail "a resumed attack has forgotten --keep-decoy"
 cksum cut/train/* cut/attack/log.jsonl >before
 expect 0 attack --resume cut --quiet; says 'finished'
 cksum cut/train/* cut/attack/log.jsonl | cmp - before || fail "a finished attack was begun anew"

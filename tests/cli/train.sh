@@ -126,6 +126,7 @@ brief="--iterations 1 --init-points 40 --force -q"
 expect 0 train scene/blender -o published $brief --published ns; has white-background true; has anchor-cells 16
 expect 0 train scene/blender -o published $brief --published mip-outdoor --model mip; has resolution 4
 expect 0 train scene/blender -o published $brief --published mip-indoor -r 3; has resolution 3
+expect 0 train scene/blender -o capped $brief --strategy mcmc --cap-max 4; says 'more than --cap-max, 4, which limits growth alone'
 expect 0 train scene/blender -o published $brief --published db --strategy mcmc; has opacity-reg 0.001
 expect 0 train scene/blender -o published $brief --published tt --preset ns --defense spectral; has white-background false
 expect 0 train scene/blender -o published $brief --published ns --model scaffold; has anchor-cells 4; has voxel-size 0.001
