@@ -14,6 +14,13 @@ static struct {
     uint64_t whole, outside;
 } memory;
 
+/* The line on the terminal of a stage. Only the thread that calls the library has to do with it. */
+static struct {
+    enum sg_stage stage;
+    double begin, last;
+    bool any;
+} shown;
+
 int no_memory(void)
 {
     say(stderr, "splatguard: out of memory\n");
@@ -25,6 +32,9 @@ int report(const sg_ctx *ctx, int error)
     if (!error)
         return STATUS_DONE;
     const char *text = ctx ? sg_last_error(ctx) : "";
+    if (shown.any)
+        fprintf(stderr, "\r\033[K");
+    shown.any = false;
     if (error == SG_ERR_BUDGET && !text[0])
         return no_memory();
     if (error == SG_ERR_INTERRUPTED)
@@ -68,10 +78,32 @@ static void log_line(void *priv, enum sg_log_level level, const char *message)
             level == SG_LOG_WARN ? "warning: " : "", message); /* which is printable */
 }
 
-/* Called by whatever takes more than a second. */
-static int on_progress(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+/* How far a stage is, on a terminal, once it takes longer than a second. Trainings and attacks have
+ * lines of their own. */
+static void show_stage(enum sg_stage stage, uint64_t done, uint64_t total)
 {
-    (void) priv, (void) stage, (void) done, (void) total;
+    const double now = clock_seconds();
+    const bool own =
+        stage > SG_STAGE_SYNTH || !isatty(STDERR_FILENO); /* the stages are in this order */
+    if (stage != shown.stage || !done)
+        shown.begin = now;
+    shown.stage = stage;
+    if (own || now - shown.begin < 1 || (now - shown.last < 0.1 && done < total))
+        return;
+    shown.last = now;
+    shown.any = done < total;
+    fprintf(stderr, "\r\033[K");
+    if (shown.any)
+        fprintf(stderr, "%s %llu/%llu", sg_stage_name(stage), (unsigned long long) done,
+                (unsigned long long) total);
+    fflush(stderr);
+}
+
+/* quiet: a bool */
+static int on_progress(void *quiet, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    if (!*(const bool *) quiet)
+        show_stage(stage, done, total);
     return interrupt_cancels();
 }
 
@@ -125,12 +157,14 @@ int open_engine_context(sg_ctx **ctx, int threads, uint64_t max_memory, uint64_t
         memory.whole = max_memory, memory.outside = outside;
         max_memory -= outside;
     }
+    static bool quiets[] = {false, true};
     const int code =
         sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads,
                                                    .max_memory = max_memory,
                                                    .max_vram = max_vram,
                                                    .log = log_line,
                                                    .progress = on_progress,
+                                                   .progress_priv = &quiets[quiet],
                                                    .log_level = quiet ? SG_LOG_WARN : SG_LOG_INFO});
     if (code)
         say(stderr, "splatguard: cannot start %d threads\n", threads);

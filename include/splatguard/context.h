@@ -32,8 +32,8 @@ enum sg_mem_tag {
 };
 
 /* Loading, audits, evaluation, synthesis, trainings and attacks report progress in these stages;
- * writing and single views do not. The comments name the
- * units of `done` and `total`. A stage can be reported more than once, each time from 0. */
+ * writing and single views do not. The comments name the units of `done` and `total`. A stage can
+ * be reported more than once, each time from 0. */
 enum sg_stage {
     SG_STAGE_LOAD,     /* sg_scene_load: photos; 0 of 1 within large text files of COLMAP */
     SG_STAGE_AUDIT,    /* sg_audit_scene: photos */
