@@ -176,9 +176,8 @@ const struct command command_audit = {
     .description =
         "Looks for the traces that attacks on the cost of training leave: fine "
         "oscillation in whole photos or in parts of them. The exit status is 0 for every verdict, "
-        "unless --exit-code is given. PHOTOS is a folder of photos without cameras, which are "
-        "taken "
-        "at their own size.",
+        "unless --exit-code is given. PHOTOS is a folder of photos without cameras, taken at their "
+        "own size.",
     .groups = "Output|Scene",
     .options = audit_options,
     .parts = audit_parts,

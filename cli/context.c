@@ -78,17 +78,14 @@ static void log_line(void *priv, enum sg_log_level level, const char *message)
             level == SG_LOG_WARN ? "warning: " : "", message); /* which is printable */
 }
 
-/* How far a stage is, on a terminal, once it takes longer than a second. Trainings and attacks have
- * lines of their own. */
+/* How far a stage is, once it takes longer than a second. */
 static void show_stage(enum sg_stage stage, uint64_t done, uint64_t total)
 {
     const double now = clock_seconds();
-    const bool own =
-        stage > SG_STAGE_SYNTH || !isatty(STDERR_FILENO); /* the stages are in this order */
     if (stage != shown.stage || !done)
         shown.begin = now;
     shown.stage = stage;
-    if (own || now - shown.begin < 1 || (now - shown.last < 0.1 && done < total))
+    if (now - shown.begin < 1 || (now - shown.last < 0.1 && done < total))
         return;
     shown.last = now;
     shown.any = done < total;
@@ -99,10 +96,10 @@ static void show_stage(enum sg_stage stage, uint64_t done, uint64_t total)
     fflush(stderr);
 }
 
-/* quiet: a bool */
-static int on_progress(void *quiet, enum sg_stage stage, uint64_t done, uint64_t total)
+/* visible: NULL = there is no terminal to show stages on, or none is wanted. */
+static int on_progress(void *visible, enum sg_stage stage, uint64_t done, uint64_t total)
 {
-    if (!*(const bool *) quiet)
+    if (visible && stage <= SG_STAGE_SYNTH) /* trainings and attacks have lines of their own */
         show_stage(stage, done, total);
     return interrupt_cancels();
 }
@@ -157,15 +154,15 @@ int open_engine_context(sg_ctx **ctx, int threads, uint64_t max_memory, uint64_t
         memory.whole = max_memory, memory.outside = outside;
         max_memory -= outside;
     }
-    static bool quiets[] = {false, true};
-    const int code =
-        sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads,
-                                                   .max_memory = max_memory,
-                                                   .max_vram = max_vram,
-                                                   .log = log_line,
-                                                   .progress = on_progress,
-                                                   .progress_priv = &quiets[quiet],
-                                                   .log_level = quiet ? SG_LOG_WARN : SG_LOG_INFO});
+    const int code = sg_ctx_create(
+        ctx,
+        &(struct sg_ctx_params){.threads = threads,
+                                .max_memory = max_memory,
+                                .max_vram = max_vram,
+                                .log = log_line,
+                                .progress = on_progress,
+                                .progress_priv = quiet || !isatty(STDERR_FILENO) ? NULL : &shown,
+                                .log_level = quiet ? SG_LOG_WARN : SG_LOG_INFO});
     if (code)
         say(stderr, "splatguard: cannot start %d threads\n", threads);
     return exit_code(code);

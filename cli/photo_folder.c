@@ -13,6 +13,7 @@ struct photo {
     struct photo_folder *folder;
     char *name;
     int width, height;
+    struct sg_picture first; /* what was read for its size, until the builder has asked for it */
 };
 
 struct photo_folder {
@@ -88,15 +89,20 @@ static bool list(struct photo_folder *f, bool follow_links)
     return good;
 }
 
+static int read_picture(sg_ctx *ctx, const struct photo *p, struct sg_picture *out)
+{
+    char path[PATH_MAX];
+    snprintf(path, sizeof(path), "%s/%s", p->folder->path, p->name);
+    return sg_picture_read(ctx, path, p->folder->max_pixels, out);
+}
+
 /* sg_view_desc.read. A photo that has another size than before has changed. */
 static int read_photo(void *priv, uint8_t *rgb)
 {
-    const struct photo *p = priv;
-    const struct photo_folder *f = p->folder;
-    struct sg_picture picture = {0};
-    char path[PATH_MAX];
-    snprintf(path, sizeof(path), "%s/%s", f->path, p->name);
-    const bool good = !sg_picture_read(f->ctx, path, f->max_pixels, &picture) &&
+    struct photo *p = priv;
+    struct sg_picture picture = p->first;
+    p->first = (struct sg_picture){0};
+    const bool good = (picture.rgb || !read_picture(p->folder->ctx, p, &picture)) &&
                       picture.width == p->width && picture.height == p->height;
     if (good)
         memcpy(rgb, picture.rgb, 3 * (size_t) p->width * (size_t) p->height);
@@ -106,15 +112,11 @@ static int read_photo(void *priv, uint8_t *rgb)
 
 static int add_photo(sg_ctx *ctx, sg_scene_builder *builder, struct photo *p, size_t place)
 {
-    struct sg_picture picture = {0};
-    char path[PATH_MAX];
-    snprintf(path, sizeof(path), "%s/%s", p->folder->path, p->name);
-    const int code = sg_picture_read(ctx, path, p->folder->max_pixels, &picture);
-    p->width = picture.width, p->height = picture.height;
-    sg_picture_clear(&picture);
+    int code = read_picture(ctx, p, &p->first);
     if (code)
         return code;
-    return sg_scene_builder_add_view(
+    p->width = p->first.width, p->height = p->first.height;
+    code = sg_scene_builder_add_view(
         builder, &(struct sg_view_desc){.name = p->name,
                                         .camera = {.width = p->width,
                                                    .height = p->height,
@@ -126,6 +128,8 @@ static int add_photo(sg_ctx *ctx, sg_scene_builder *builder, struct photo *p, si
                                                    .t = {(double) place, 0, 0}},
                                         .read = read_photo,
                                         .read_priv = p});
+    sg_picture_clear(&p->first); /* where it has not asked */
+    return code;
 }
 
 int photo_folder_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,

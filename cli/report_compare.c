@@ -77,7 +77,8 @@ void put_papers(FILE *f, const struct report *r, enum format format)
 
 /* ---- photos side by side ---- */
 
-#define SIDES 32 /* most kinds of photos */
+#define SIDES 32   /* most kinds of photos */
+#define SCENES 256 /* most scenes that means are over */
 
 /* What a table is of: a scene, or all scenes with one preset. */
 struct side {
@@ -105,37 +106,48 @@ static bool has_run(const struct report *r, const struct group *like, const char
     return g && g->runs;
 }
 
-/* The columns of a table. */
-struct columns {
-    const char *photos[SIDES];
+/* Scenes of a table, each by one of its groups. */
+struct scenes {
+    const struct group *of[SCENES];
     int n;
 };
 
-static bool is_clean_run(const struct report *r, const struct side *s, const struct group *g)
+/* The scene, or the scenes with the preset that were to have a clean run without a defense. */
+static void find_scenes(const struct report *r, const struct side *s, struct scenes *out)
 {
-    return is_of(r, s, g->first) && !strcmp(g->first->photos, CLEAN) &&
-           !strcmp(g->first->defense, OFF);
+    for (size_t i = 0; i < r->n_groups && out->n < (s->preset ? SCENES : 1); i++) {
+        const struct group *g = &r->groups[i];
+        if (is_of(r, s, g->first) &&
+            (!s->preset || (!strcmp(g->first->photos, CLEAN) && !strcmp(g->first->defense, OFF))))
+            out->of[out->n++] = g;
+    }
 }
 
-/* In how many scenes a defense has a result for a column. */
-static int count_runs(const struct report *r, const struct side *s, const char *photos,
+static int count_runs(const struct report *r, const struct scenes *scenes, const char *photos,
                       const char *defense)
 {
     int n = 0;
-    for (size_t i = 0; i < r->n_groups; i++)
-        n += is_clean_run(r, s, &r->groups[i]) && has_run(r, &r->groups[i], photos, defense);
+    for (int i = 0; i < scenes->n; i++)
+        n += has_run(r, scenes->of[i], photos, defense);
     return n;
 }
 
-/* Whether a scene, of which `clean` is the clean run, has a result of a defense for each column
- * that the defense has any for. */
-static bool has_row(const struct report *r, const struct side *s, const struct group *clean,
-                    const struct columns *c, const char *defense)
+/* The scenes that have a result of a defense for each kind of photos that any of them has one for:
+ * a row is of the same scenes in all columns. */
+static void select_scenes(const struct report *r, const struct scenes *scenes, const char *defense,
+                          const char *const *photos, int n, struct scenes *out)
 {
-    bool has = true;
-    for (int i = 0; i < c->n && has; i++)
-        has = has_run(r, clean, c->photos[i], defense) || !count_runs(r, s, c->photos[i], defense);
-    return has;
+    bool has[SCENES];
+    for (int i = 0; i < scenes->n; i++)
+        has[i] = true;
+    for (int c = 0; c < n; c++)
+        if (count_runs(r, scenes, photos[c], defense))
+            for (int i = 0; i < scenes->n; i++)
+                has[i] &= has_run(r, scenes->of[i], photos[c], defense);
+    out->n = 0;
+    for (int i = 0; i < scenes->n; i++)
+        if (has[i])
+            out->of[out->n++] = scenes->of[i];
 }
 
 static double value_of(const struct report *r, const struct group *like, const char *photos,
@@ -150,41 +162,13 @@ static double value_of(const struct report *r, const struct group *like, const c
                                 : NAN;
 }
 
-/* Of a scene, or the mean over *n scenes: of those that have a table of defenses at all, those that
- * have this row of it. */
-static double mean_of(const struct report *r, const struct side *s, const struct columns *c,
-                      const char *photos, const char *defense, enum report_metric m, int *n)
+static double mean_of(const struct report *r, const struct scenes *scenes, const char *photos,
+                      const char *defense, enum report_metric m)
 {
     double sum = 0;
-    *n = 0;
-    if (!s->preset) {
-        for (size_t i = 0; i < r->n_groups; i++)
-            if (is_of(r, s, r->groups[i].first))
-                return value_of(r, &r->groups[i], photos, defense, m);
-        return NAN;
-    }
-    for (size_t i = 0; i < r->n_groups; i++) {
-        const struct group *g = &r->groups[i];
-        if (!is_clean_run(r, s, g) || !has_row(r, s, g, c, OFF) || !has_row(r, s, g, c, defense))
-            continue;
-        sum += value_of(r, g, photos, defense, m);
-        (*n)++;
-    }
-    return *n ? sum / *n : NAN;
-}
-
-/* How many scenes there are, and how many of them have undefended results for all columns. */
-static int scenes_of(const struct report *r, const struct side *s, const struct columns *c,
-                     int *all)
-{
-    int n = 0;
-    *all = 0;
-    for (size_t i = 0; i < r->n_groups; i++)
-        if (is_clean_run(r, s, &r->groups[i])) {
-            n += has_row(r, s, &r->groups[i], c, OFF);
-            (*all)++;
-        }
-    return n;
+    for (int i = 0; i < scenes->n; i++)
+        sum += value_of(r, scenes->of[i], photos, defense, m);
+    return scenes->n ? sum / scenes->n : NAN;
 }
 
 static bool begins(const struct report *r, const struct side *s, size_t i, bool by_defense)
@@ -202,15 +186,17 @@ static bool begins(const struct report *r, const struct side *s, size_t i, bool 
 }
 
 /* The kinds of photos of a scene; of several scenes those that most of them have undefended runs
- * of. */
-static void find_columns(const struct report *r, const struct side *s, struct columns *c)
+ * of. Returns their number. */
+static int find_photos(const struct report *r, const struct side *s, const struct scenes *all,
+                       const char *photos[SIDES])
 {
-    for (size_t i = 0; i < r->n_groups && c->n < SIDES; i++) {
-        const char *photos = r->groups[i].first->photos;
-        if (begins(r, s, i, false) &&
-            (!s->preset || 2 * count_runs(r, s, photos, OFF) > count_runs(r, s, CLEAN, OFF)))
-            c->photos[c->n++] = photos;
+    int n = 0;
+    for (size_t i = 0; i < r->n_groups && n < SIDES; i++) {
+        const char *name = r->groups[i].first->photos;
+        if (begins(r, s, i, false) && (!s->preset || 2 * count_runs(r, all, name, OFF) > all->n))
+            photos[n++] = name;
     }
+    return n;
 }
 
 static void put_side(FILE *f, const struct report *r, enum format format, const struct side *s)
@@ -220,19 +206,19 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
         const char *name;
         int digits;
     } parts[] = {{M_PSNR, "PSNR, dB", 2}, {M_SSIM, "SSIM", 3}, {M_MAX_GAUSSIANS, "of clean", 2}};
-    const char *titles[SIDES + 1] = {"defense"};
-    struct columns columns = {0};
+    const char *titles[SIDES + 1] = {"defense"}, **photos = titles + 1;
+    struct scenes all = {.n = 0}, scenes;
     char title[320];
-    int all;
-    find_columns(r, s, &columns);
-    const int n = columns.n, scenes = scenes_of(r, s, &columns, &all);
-    for (int i = 0; i < n; i++)
-        titles[i + 1] = columns.photos[i];
-    if (n < 2 || (s->preset && scenes < 2))
+    find_scenes(r, s, &all);
+    const int n = find_photos(r, s, &all, photos);
+    scenes = all;
+    if (s->preset)
+        select_scenes(r, &all, OFF, photos, n, &scenes);
+    if (n < 2 || (s->preset && scenes.n < 2))
         return;
     if (s->preset)
         snprintf(title, sizeof(title), "%s: means over %d of %d scenes of the preset %s",
-                 s->first->plan, scenes, all, s->preset);
+                 s->first->plan, scenes.n, all.n, s->preset);
     else
         snprintf(title, sizeof(title), "%s: %s, photos side by side", s->first->plan,
                  s->first->scene);
@@ -245,21 +231,23 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
         begin_table(f, format, titles, n + 1);
         for (size_t i = 0; i < r->n_groups; i++) {
             const char *defense = r->groups[i].first->defense;
+            struct scenes of = scenes;
             double values[SIDES];
             char row[256];
-            int of = 0;
             bool any = !s->preset; /* not all scenes may have a defense */
             if (!begins(r, s, i, true))
                 continue;
+            if (s->preset)
+                select_scenes(r, &scenes, defense, photos, n, &of);
             for (int c = 0; c < n; c++) {
-                values[c] = mean_of(r, s, &columns, titles[c + 1], defense, parts[k].metric, &of);
+                values[c] = mean_of(r, &of, photos[c], defense, parts[k].metric);
                 any |= isfinite(values[c]);
             }
             if (!any)
                 continue;
             snprintf(row, sizeof(row), "%s", defense);
-            if (s->preset && of < scenes)
-                snprintf(row, sizeof(row), "%s (%d of these scenes)", defense, of);
+            if (of.n < scenes.n)
+                snprintf(row, sizeof(row), "%s (%d of these scenes)", defense, of.n);
             begin_row(f, format, row);
             for (int c = 0; c < n; c++)
                 put_number(f, format, values[c], NAN, parts[k].digits);

@@ -40,6 +40,30 @@ grep -q '^| poison | failed | no luck | splatguard attack' other/report.md || fa
 grep -q '^| lego, eps16, off | 2 | .* | 2.35 | 1.00 ± 0.00 | 1.00 | ' other/report.md || fail "not next to the paper: $(cat other/report.md)"
 grep -q '"paper":{"psnr":null,"growth":2.348' other/report.html || fail "no diamond"
 
+# Photos side by side are of the same seeds: here of the first, since a defense lacks the second.
+cp r.db seeds.db
+sqlite3 seeds.db "delete from job where key in (select key from cell where defense='lg' and photos='noise' and seed=2); update job set status='failed', message='no pictures' where kind='pictures'"
+first="select printf('%.2f', value) from metric join cell using(key) where name='eval.psnr' and defense='off' and seed=1 and photos"
+expect 0 report seeds.db -o seeds -q
+grep -qF "| off | $(ask "$first='clean'") | $(ask "$first='noise'") |" seeds/report.md || fail "not of the first seed: $(cat seeds/report.md)"
+grep -q '^| pictures | failed | no pictures |' seeds/report.md || fail "no word about pictures that failed: $(cat seeds/report.md)"
+
+# Means over the scenes of a preset say which have all that they are of. The third scene lacks the clean run.
+cp r.db means.db
+for scene in s2 s3; do sqlite3 means.db "insert into cell(plan, position, key, kind, scene, photos, defense, model, seed)
+    select plan, position + 100 * substr('$scene', 2), key, kind, '$scene', photos, defense, model, seed from cell where scene='s';
+    update plan set text=json_set(text, '\$.scenes.s.preset', 'tt', '\$.scenes.$scene', json('{\"preset\": \"tt\"}'))"; done
+sqlite3 means.db "update cell set key='gone' where (scene='s3' and photos='clean' and defense='off') or (scene='s2' and photos='noise' and defense='lg')"
+expect 0 report means.db -o over -q
+grep -q 'means over 2 of 3 scenes of the preset tt' over/report.md || fail "no means over scenes: $(cat over/report.md)"
+[ "$(grep -c '^| lg (1 of these scenes) |' over/report.md)" -eq 3 ] || fail "a mean over fewer scenes does not say so: $(cat over/report.md)"
+
+# The same cells of another configuration are left out.
+cp r.db keys.db
+sqlite3 keys.db "update cell set key='x' || key where kind is not 'audit'; update job set key='x' || key; update metric set key='x' || key"
+expect 0 report r.db keys.db -o keys -q; says 'keys.db: 8 results are left out'
+cmp keys/results.csv page/results.csv || fail "another configuration's results are in the report"
+
 # Other reports may be replaced, other files not.
 expect 0 report r.db r.db -o page -q
 mkdir mine && echo mine >mine/report.md
