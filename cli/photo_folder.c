@@ -147,6 +147,8 @@ int photo_folder_load(sg_ctx *ctx, const char *path, const struct sg_scene_param
         code = list(f, params->follow_links) ? sg_scene_builder_create(ctx, params, &builder)
                                              : SG_ERR_BUDGET;
     if (!code)
+        code = sg_scene_builder_set_name(builder, path);
+    if (!code)
         sg_scene_builder_keep_photos(builder, 0);
     for (size_t i = 0; i < f->n && !code; i++)
         code = add_photo(ctx, builder, &f->photos[i], i);

@@ -173,6 +173,9 @@ struct sg_view_desc {
  * SG_ERR_BUDGET. */
 SG_API int sg_scene_builder_create(sg_ctx *ctx, const struct sg_scene_params *params,
                                    sg_scene_builder **out);
+/* What messages and pages call the scene, such as where its photos are; copied. Default "scene from
+ * memory". Errors: SG_ERR_BUDGET. */
+SG_API int sg_scene_builder_set_name(sg_scene_builder *builder, const char *name);
 /* An error leaves the builder unchanged. Errors: SG_ERR_USAGE, naming the view and the field, for
  * values out of range; SG_ERR_INPUT if the photo cannot be read; SG_ERR_BUDGET. */
 SG_API int sg_scene_builder_add_view(sg_scene_builder *builder, const struct sg_view_desc *view);

@@ -86,6 +86,12 @@ int sg_scene_builder_set_source(sg_scene_builder *b, enum sg_scene_format format
     return SG_OK;
 }
 
+int sg_scene_builder_set_name(sg_scene_builder *b, const char *name)
+{
+    sg_clear_error(b->ctx);
+    return sg_scene_builder_set_source(b, SG_FORMAT_MEMORY, name);
+}
+
 uint64_t sg_view_hash(const struct sg_view *v)
 {
     const size_t pixels = (size_t) v->camera.width * (size_t) v->camera.height;

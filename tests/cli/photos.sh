@@ -13,6 +13,7 @@ cmp of_scene of_photos || fail "scores of photos alone differ from those of thei
 tr -d ' \n' <out | grep -q '"name":"[^"]*\.png"' || fail "photos have other names than their files: $(cat out)"
 expect 0 audit 'my photos' --report page.html -q --max-memory 64M
 grep -q '<img' page.html || fail "a page without photos"
+grep -q '<h1>my photos' page.html || fail "the page does not name the folder: $(grep '<h1>' page.html)"
 expect 1 audit 'my photos' --downscale 2; says '--downscale: found without effect on my photos'
 echo 'no photo' >'my photos/zz.JPG'
 expect 2 audit 'my photos'; says 'my photos/zz.JPG'
