@@ -16,7 +16,8 @@ const rows = Math.floor((height - top_) / 20); // of a legend beside a figure
 const unique = list => [...new Set(list)];
 const defenses = unique(results.map(r => r.defense));
 const photosName = 'the photos';
-const colour = name => name === photosName ? 'currentColor' : colours[defenses.indexOf(name) % colours.length];
+let shownDefenses = []; // each has a colour of its own while there are enough
+const colour = name => name === photosName ? 'currentColor' : colours[shownDefenses.indexOf(name) % colours.length];
 const sceneOf = r => r.plan + ': ' + r.scene + (r.model === 'default' ? '' : ', ' + r.model);
 const scenes = unique(results.map(sceneOf));
 const kinds = unique(audits.map(a => a.photos));
@@ -86,16 +87,19 @@ function mark(svg, name, attributes, value, title) {
 
 const mean = list => list.reduce((a, b) => a + b, 0) / list.length;
 
-// Bars of the mean over seeds, photos side by side. published: what the paper has of a run, or nothing; an outlined diamond,
-// which `note` explains.
-function bars(id, title, key, chosen, published, note) {
+// The mean over seeds of each defense, photos side by side, with a line from the least to the most. Counts are bars from 0;
+// dB, whose differences count and not their ratios, are points. published: what the paper has of a run, or nothing; an
+// outlined diamond, which `note` explains.
+function means(id, title, key, chosen, published, note, asBars) {
     const photos = unique(chosen.map(r => r.photos)), shown = defenses.filter(d => chosen.some(r => r.defense === d));
     const cells = shown.flatMap(d => photos.map(p => ({d, p,
         v: chosen.filter(r => r.defense === d && r.photos === p && r[key] !== null).map(r => r[key]),
         paper: chosen.filter(r => r.defense === d && r.photos === p && r.paper).map(published).find(v => v > 0)})));
-    const most = Math.max(0, ...cells.filter(c => c.v.length).map(c => mean(c.v)), ...cells.map(c => c.paper || 0));
+    const all = cells.flatMap(c => c.paper ? [...c.v, c.paper] : c.v);
+    if (!all.length) return document.getElementById(id).replaceChildren();
+    const least = Math.min(...all), most = Math.max(...all), edge = .05 * (most - least) || 1;
     const caption = title + (cells.some(c => c.paper) ? `; diamonds: the paper's, ${note}` : '');
-    const {svg, py} = plot(id, caption, [0, 1], [0, most * 1.05 || 1], false);
+    const {svg, py} = plot(id, caption, [0, 1], asBars ? [0, most * 1.05 || 1] : [least - edge, most + edge], false);
     const group = (width - left - right) / photos.length, bar = group / (shown.length + 1);
     photos.forEach((p, i) => {
         const x = left + group * (i + .5), y = height - bottom + 18;
@@ -104,11 +108,15 @@ function bars(id, title, key, chosen, published, note) {
         shown.forEach((d, k) => {
             const {v, paper} = cells.find(c => c.d === d && c.p === p), middle = left + group * i + bar * (k + .95);
             if (v.length) {
-                const m = mean(v), y = py(m);
-                mark(svg, 'rect', {x: left + group * i + bar * (k + .5), y, width: bar * .9, height: height - bottom - y,
-                    style: `fill: ${colour(d)}`}, m, `${p}, ${d}: ${short(m)} (n = ${v.length})`);
+                const m = mean(v), y = py(m), style = `fill: ${colour(d)}`, text = `${p}, ${d}: ${short(m)} (n = ${v.length})`;
+                if (asBars)
+                    mark(svg, 'rect', {x: left + group * i + bar * (k + .5), y, width: bar * .9, height: height - bottom - y, style}, m, text);
+                else
+                    mark(svg, 'circle', {cx: middle, cy: y, r: 5, style}, m, text);
+                if (v.length > 1)
+                    element(svg, 'path', {class: 'spread', d: `M${middle} ${py(Math.min(...v))}V${py(Math.max(...v))}`});
             }
-            if (paper) { // on top of the bar
+            if (paper) {
                 const e = element(svg, 'path', {class: 'paper', d: `M${middle} ${py(paper) - 6}l6 6l-6 6l-6 -6z`});
                 element(e, 'title', {}, `${p}, ${d}: ${short(paper)} in the paper`);
             }
@@ -228,15 +236,46 @@ function choose(id, names) {
     list.addEventListener('change', draw);
 }
 
+// A box for each defense, beside its colour; at first as many are ticked as there are colours.
+function chooseDefenses() {
+    const place = document.getElementById('defenses');
+    defenses.forEach((name, i) => {
+        const label = document.createElement('label'), box = document.createElement('input'), swatch = document.createElement('span');
+        box.type = 'checkbox', box.value = name, box.checked = i < colours.length;
+        swatch.className = 'swatch';
+        label.append(box, swatch, name);
+        place.append(label);
+    });
+    for (const [name, ticked] of [['all', true], ['none', false]]) {
+        const button = document.createElement('button');
+        button.type = 'button', button.textContent = name;
+        button.addEventListener('click', () => {
+            for (const box of place.querySelectorAll('label:not([hidden]) input')) box.checked = ticked;
+            draw();
+        });
+        place.append(button);
+    }
+    place.addEventListener('change', draw);
+}
+
+// Those of the scene that are ticked.
+function updateDefenses(scene) {
+    const there = new Set(results.filter(r => sceneOf(r) === scene).map(r => r.defense)), labels = [...document.querySelectorAll('#defenses label')];
+    for (const label of labels) label.hidden = !there.has(label.firstChild.value);
+    shownDefenses = labels.filter(l => !l.hidden && l.firstChild.checked).map(l => l.firstChild.value);
+    for (const {firstChild: box, childNodes: [, swatch]} of labels)
+        swatch.style.background = box.checked ? colour(box.value) : 'none';
+}
+
 function draw() {
-    const scene = document.getElementById('scene').value, photos = document.getElementById('photos').value,
-        defense = document.getElementById('defense').value;
-    const of = results.filter(r => sceneOf(r) === scene && (!defense || r.defense === defense || r.defense === 'off'));
-    const chosen = of.filter(r => !photos || r.photos === photos);
+    const scene = document.getElementById('scene').value, photos = document.getElementById('photos').value;
+    updateDefenses(scene);
+    const of = results.filter(r => sceneOf(r) === scene);
+    const chosen = of.filter(r => (!photos || r.photos === photos) && shownDefenses.includes(r.defense));
     const clean = of.filter(r => r.photos === 'clean' && r.defense === 'off' && r.max_gaussians).map(r => r.max_gaussians);
-    bars('gaussians', 'Most Gaussians of a training', 'max_gaussians', chosen, r => r.paper.growth * mean(clean),
-        'its ratio times the clean run here');
-    bars('quality', 'PSNR on the test views of the clean scene, dB', 'psnr', chosen, r => r.paper.psnr, 'at full size');
+    means('gaussians', 'Most Gaussians of a training', 'max_gaussians', chosen, r => r.paper.growth * mean(clean),
+        'its ratio times the clean run here', true);
+    means('quality', 'PSNR on the test views of the clean scene, dB', 'psnr', chosen, r => r.paper.psnr, 'at full size', false);
     scatter('tradeoff', 'PSNR against Gaussians: circles on clean photos, squares on others', chosen);
     lines('growth', 'Gaussians over the iterations; dashed on clean photos', 1, chosen);
     lines('instances', '(Gaussian, tile) pairs of the view over the iterations: what memory and time follow', 3, chosen);
@@ -253,7 +292,7 @@ function draw() {
 
 choose('scene', scenes);
 choose('photos', unique(results.map(r => r.photos)));
-choose('defense', defenses);
+chooseDefenses();
 let shownWidth = document.body.clientWidth;
 addEventListener('resize', () => {
     if (document.body.clientWidth === shownWidth) return;

@@ -70,9 +70,8 @@ void put_page(FILE *f, const struct report *r)
     put_page_head(f, "Report", true);
     if (json_array_size(list)) {
         fprintf(f, "<p class=choices><label>scene <select id=scene></select></label><label>photos "
-                   "<select id=photos><option value=\"\">all</option></select></label>"
-                   "<label>defense <select id=defense><option value=\"\">all</option></select>"
-                   "</label></p>\n");
+                   "<select id=photos><option value=\"\">all</option></select></label></p>\n"
+                   "<fieldset id=defenses><legend>defenses</legend></fieldset>\n");
         for (size_t i = 0; i < sizeof(figures) / sizeof(figures[0]); i++)
             fprintf(f, "<figure id=%s></figure>\n", figures[i]);
         fprintf(f, "<section id=crops></section>\n");

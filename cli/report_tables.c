@@ -38,7 +38,7 @@ void put_run_heading(FILE *f, enum format format, const char *text, const struct
 
 void begin_table(FILE *f, enum format format, const char *const *titles, int n)
 {
-    fprintf(f, format == HTML ? "<table><thead><tr>" : "|");
+    fprintf(f, format == HTML ? "<div class=wide><table><thead><tr>" : "|");
     for (int i = 0; i < n; i++) {
         fprintf(f, format == HTML ? "<th>" : " ");
         put_text(f, format, titles[i]);
@@ -64,7 +64,7 @@ void end_row(FILE *f, enum format format)
 
 void end_table(FILE *f, enum format format)
 {
-    fprintf(f, format == HTML ? "</tbody></table>\n" : "\n");
+    fprintf(f, format == HTML ? "</tbody></table></div>\n" : "\n");
 }
 
 void put_cell(FILE *f, enum format format, const char *text)

@@ -10,7 +10,7 @@ if not browser.find():
 b = browser.Browser()
 try:
     for dark in (False, True):
-        for width in (400, 1600):
+        for width in (400, 1000, 1600):
             b.open(sys.argv[1], width, 900, dark)
             b.wait("document.readyState === 'complete' && !!document.body")
             where = "%d pixels, %s" % (width, "dark" if dark else "light")

@@ -177,3 +177,18 @@ sort -g means >expected
 command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/page_look.py" "file://$work/page/report.html" || fail "the look"; }
 paste drawn expected | awk 'NF != 2 || ($1 - $2) ^ 2 > (1e-4 * $2) ^ 2 { bad = 1; print } END { exit bad }' ||
     fail "the figures have other values than the database"
+
+# With more defenses than colours as many are ticked as there are; a mark for each of those. dB have the whole height.
+cp r.db many.db
+for i in $(seq 30); do sqlite3 many.db "insert into cell(plan, position, key, kind, scene, photos, defense, model, seed)
+    select plan, position + 1000 * $i, key, kind, scene, photos, 'd$i', model, seed from cell where defense='lg'"; done
+expect 0 report many.db -o many -q
+timeout 60 "$browser" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
+    --dump-dom "file://$work/many/report.html" >many.html 2>browser.err || fail "no page: $(tail -3 browser.err)"
+command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/report_choose.py" "file://$work/many/report.html" || fail "the choice"; }
+figure() { tr -d '\n' <many.html | grep -o "<figure id=\"$1\".*" | sed 's/<\/figure>.*//'; }
+[ "$(grep -o '<input type="checkbox"' many.html | wc -l)" -eq 32 ] || fail "not a box for each defense that has results"
+[ "$(grep -o 'background: rgb' many.html | sort | uniq -c | awk '{ print $1 }')" -eq 20 ] || fail "not 20 ticked"
+[ "$(figure quality | grep -o '<circle' | wc -l)" -eq 40 ] || fail "not a point for each defense that is ticked"
+[ "$(figure gaussians | grep -o 'fill: #[0-9a-f]*' | sort -u | wc -l)" -eq 20 ] || fail "two defenses with one colour"
+figure quality | grep -o 'cy="[^"]*"' | tr -dc '0-9.\n' | sort -g | awk 'NR == 1 { a = $1 } END { exit $1 - a < 150 }' || fail "dB from 0"
