@@ -417,9 +417,40 @@ static void test_scores(void **state)
         }
 }
 
+/* A checkpoint can say so of every offset: nothing is left to score, and nothing goes. */
+static void test_all_hidden(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    struct sg_defense_params p = sg_defense_params_default();
+    p.unit = SG_UNIT_GAUSSIAN;
+    p.sample = SG_VIEWS_ALL;
+    for (int k = 0, n = engine_cases(cases); k < n; k++)
+        for (int rule = SG_PRUNE_EXACT; rule <= SG_PRUNE_THRESHOLD; rule++) {
+            sg_ctx *ctx = make_context(2);
+            struct sg_view view = {.name = (char *) "view", .camera = make_camera(W, H, 2.2)};
+            struct sg_scene scene = {.path = (char *) "views", .train = &view, .n_train = 1};
+            const struct sg_render_params render = sg_render_params_default();
+            struct sg_model *m = make_scored(ctx);
+            struct sg_engine *e = make_scaffold(ctx, cases[k], m);
+            struct sg_defense_step step = {0};
+            uint32_t hidden[SCORED];
+            memset(hidden, 0xff, sizeof(hidden));
+            p.rule = (enum sg_prune_rule) rule;
+            assert_int_equal(sg_engine_hide(e, hidden), SG_OK);
+            assert_int_equal(sg_filter(e, &scene, &p, &render, SHARE, 1, 100, &step), SG_OK);
+            assert_true(step.filtered && !step.scored && !step.removed && !step.unseen);
+            assert_int_equal(sg_engine_count(e), SCORED);
+            sg_engine_destroy(&e);
+            sg_model_destroy(&m);
+            sg_ctx_destroy(&ctx);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_opacity),
-                                       cmocka_unit_test(test_scores)};
+                                       cmocka_unit_test(test_scores),
+                                       cmocka_unit_test(test_all_hidden)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -401,6 +401,26 @@ static void training_removes_twice(void **state)
     clear_fixture(&f);
 }
 
+/* The first step of a run without time is all of it. What was due before the model settles is due
+ * in it. */
+static void a_long_step_removes(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = short_params();
+    p.strategy = SG_STRATEGY_LIGHTGAUSSIAN, p.densify_until_iter = 20;
+    p.tolerance = 8, p.tolerance_low_pass = 1;
+    p.max_seconds = 1e-9;
+    f.scene.train = f.views;
+    sg_trainer *t = begin_training(&f, &p);
+    struct sg_train_step s;
+    assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+    assert_int_equal(s.iteration, p.iterations);
+    assert_in_range(s.gaussians, 1, f.start->count * 3 / 5);
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
 /* Each way to meet a limit keeps it, but for the one that may exceed it. */
 static void limits_are_met(void **state)
 {
@@ -530,6 +550,7 @@ int main(void)
         cmocka_unit_test(rates_follow_the_released_schedule),
         cmocka_unit_test(pruning_removes_and_repairs),
         cmocka_unit_test(training_removes_twice),
+        cmocka_unit_test(a_long_step_removes),
         cmocka_unit_test(limits_are_met),
         cmocka_unit_test(universal_threshold_is_the_released_one),
         cmocka_unit_test(scores_do_not_depend_on_threads),

@@ -119,6 +119,11 @@ says '8 jobs were done before, 0 are done now, 2 failed'
 [ "$(ask once.db "select count(*) from job where status='failed' and exit_status=1 and message like '%--rho%'")" -eq 2 ] || fail "no row for a failure"
 expect 0 bench plan.json -o once.db -q
 says '0 failed'
+# A scene in another layout is another scene, with other runs.
+sed 's/"synth": /"layout": "colmap", &/; s/"runs": .*/"runs": [{"scenes": ["s"], "photos": ["clean"], "defenses": ["off"], "models": ["default"], "seeds": [1]}]}/' plan.json >layout.json
+cp once.db layout.db
+expect 0 bench layout.json -o layout.db -q
+says '0 jobs were done before, 2 are done now'
 sed 's/"timeout": "60s"/"timeout": "1s"/; s/"'$n'"/"90000"/' plan.json >slow.json
 expect 0 bench slow.json -o slow.db -q --jobs 8
 [ "$(ask slow.db "select count(*) from job where status='timeout'")" -ge 1 ] || fail "no row for a timeout"
