@@ -90,8 +90,8 @@ SG_API const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
 
 /* Measures one image. rgb: height x width x 3. mask: height x width, 0 = ignored, or NULL. map:
  * NULL, or (height + 15) / 16 x (width + 15) / 16 floats that receive the oscillation of each block
- * in grey levels. Errors: SG_ERR_USAGE for a side outside 1..16384, SG_ERR_BUDGET. Several threads
- * may measure at once in one context. */
+ * in grey levels. Errors: SG_ERR_USAGE for a side outside 1..SG_SIDE_MAX, SG_ERR_BUDGET. Several
+ * threads may measure at once in one context. */
 SG_API int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width,
                             int height, struct sg_audit_features *out, float *map);
 

@@ -73,7 +73,7 @@ static void read_cfg_args(sg_ctx *ctx, const char *run, struct sg_scene_params *
         scene->eval = !strstr(text, "eval=False");
         scene->test_halves = scene->eval && strstr(text, "train_test_exp=True");
         if (resolution && sscanf(resolution, "resolution=%d", &n) == 1 && n >= -1 && n &&
-            n <= 16384)
+            n <= SG_SIDE_MAX)
             scene->resolution = n;
     }
     sg_clear_error(ctx); /* without it, or with other text, the defaults apply */

@@ -7,8 +7,7 @@
 #include "core/folder.h"
 #include "splatguard/scene.h"
 
-#define SG_SIDE_MAX 16384 /* pixels, of a view: see struct sg_camera */
-#define SG_LENS_MAX 1e7   /* pixels; beyond this a focal length or principal point is noise */
+#define SG_LENS_MAX 1e7 /* pixels; beyond this a focal length or principal point is noise */
 /* Scene units, so that squared distances stay finite in single precision products. */
 #define SG_POSE_MAX 1e12
 

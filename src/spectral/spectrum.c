@@ -8,7 +8,7 @@
 #include "frequency.h"
 
 #include "math/spectrum.h"
-#include "scene/reader.h"
+#include "splatguard/camera.h"
 
 /* An image and its half spectrum, in panels. */
 struct transform {

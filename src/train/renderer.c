@@ -99,10 +99,11 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
               float *depth, struct sg_render_stats *stats)
 {
     sg_clear_error(r->ctx);
-    if (camera->width < 1 || camera->height < 1 || camera->width > 16384 || camera->height > 16384)
+    if (camera->width < 1 || camera->height < 1 || camera->width > SG_SIDE_MAX ||
+        camera->height > SG_SIDE_MAX)
         return sg_fail(r->ctx, SG_ERR_USAGE,
-                       "render: found an image of %d x %d, expected sides of 1 to 16384",
-                       camera->width, camera->height);
+                       "render: found an image of %d x %d, expected sides of 1 to %d",
+                       camera->width, camera->height, SG_SIDE_MAX);
     if (!(camera->fx > 0) || !(camera->fy > 0))
         return sg_fail(r->ctx, SG_ERR_USAGE,
                        "render: found focal lengths %g and %g, expected positive ones", camera->fx,
