@@ -6,7 +6,7 @@ set(device_programs low_pass crowded scaffold_training anchor_removal anchor_rea
 # Scripts of the command line with this engine instead of the default, on smaller scenes where they take long. Those that
 # are left out are about command lines, help, completions and pages.
 file(GLOB device_scripts CONFIGURE_DEPENDS tests/cli/*.sh)
-list(FILTER device_scripts EXCLUDE REGEX "/(common|completion|docs|tables|usage)\\.sh$")
+list(FILTER device_scripts EXCLUDE REGEX "/(common|completion|docs|tables|terminal|usage)\\.sh$")
 list(TRANSFORM device_scripts REPLACE ".*/(.*)\\.sh$" "\\1")
 if(SG_HAVE_VULKAN)
     set(rows "")
