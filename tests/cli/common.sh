@@ -37,6 +37,12 @@ expect() {
 # says WORDS: the last run's stderr has them.
 says() { grep -qF -- "$1" err || fail "stderr does not say: $1"; }
 
+# dom BROWSER PAGE: what it makes of a page in the test's folder.
+dom() {
+    timeout 60 "$1" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
+        --dump-dom "file://$work/$2" 2>browser.err || fail "no page: $(tail -3 browser.err)"
+}
+
 # Until a file of a tool in the background has something in it.
 wait_for() {
     waited=0

@@ -155,8 +155,7 @@ expect 0 report keys.db -o hostile -q
 
 # The figures, in a browser, against the database.
 browser=$(command -v chromium || command -v google-chrome) || { echo "figures not looked at: no Chromium"; exit 0; }
-timeout 60 "$browser" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
-    --dump-dom "file://$work/page/report.html" >dom.html 2>browser.err || fail "no page: $(tail -3 browser.err)"
+dom "$browser" page/report.html >dom.html
 grep -o 'class="mark" data-value="[^"]*"' dom.html | sed 's/.*="\([^"]*\)"/\1/' | sort -g >drawn
 {
     for metric in max_gaussians eval.psnr; do
@@ -183,8 +182,7 @@ cp r.db many.db
 for i in $(seq 30); do sqlite3 many.db "insert into cell(plan, position, key, kind, scene, photos, defense, model, seed)
     select plan, position + 1000 * $i, key, kind, scene, photos, 'd$i', model, seed from cell where defense='lg'"; done
 expect 0 report many.db -o many -q
-timeout 60 "$browser" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
-    --dump-dom "file://$work/many/report.html" >many.html 2>browser.err || fail "no page: $(tail -3 browser.err)"
+dom "$browser" many/report.html >many.html
 command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/report_choose.py" "file://$work/many/report.html" || fail "the choice"; }
 figure() { tr -d '\n' <many.html | grep -o "<figure id=\"$1\".*" | sed 's/<\/figure>.*//'; }
 [ "$(grep -o '<input type="checkbox"' many.html | wc -l)" -eq 32 ] || fail "not a box for each defense that has results"

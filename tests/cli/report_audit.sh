@@ -129,8 +129,7 @@ grep -q 'verdicts of the audit' without/report.md && fail "audits from nowhere"
 
 # The figure, in a browser.
 browser=$(command -v chromium || command -v google-chrome) || { echo "figure not looked at: no Chromium"; exit 0; }
-timeout 60 "$browser" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
-    --dump-dom "file://$work/page/report.html" >dom.html 2>browser.err || fail "no page: $(tail -3 browser.err)"
+dom "$browser" page/report.html >dom.html
 grep -o '<figure id="roc">.*' dom.html | sed 's/<\/figure>.*//' >figure.html
 [ "$(grep -o 'class="mark" data-value' figure.html | wc -l)" -eq 2 ] || fail "not two marks of the audit's thresholds: $(cat figure.html)"
 grep -q '<title>noise: 40 % of 5 called poisoned or suspicious, 17 % of 6 clean ones; AUC ' figure.html || fail "the marks say something else: $(cat figure.html)"
