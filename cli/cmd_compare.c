@@ -179,7 +179,7 @@ static void put_bars_of(FILE *f, const struct compared *c, int m)
         most = fmax(most, isfinite(c->runs[i].value[m]) ? c->runs[i].value[m] : 0);
     if (!(most > 0))
         return;
-    fprintf(f, "<h2>%s</h2>\n<table class=bars>\n", metrics[m].title);
+    fprintf(f, "<h2>%s</h2>\n<div class=wide><table class=bars>\n", metrics[m].title);
     for (int i = 0; i < c->n; i++) {
         fprintf(f, "<tr><th scope=row>");
         put_name(f, c->runs[i].path);
@@ -187,7 +187,7 @@ static void put_bars_of(FILE *f, const struct compared *c, int m)
         put_value(f, c->runs, i, m);
         put_bar(f, fmax(0, c->runs[i].value[m] / most)); /* 0 of NAN */
     }
-    fprintf(f, "</table>\n");
+    fprintf(f, "</table></div>\n");
 }
 
 static int put_comparison(FILE *f, const void *what)

@@ -102,7 +102,7 @@ static void put_row(FILE *f, const char *name, double value, double scale, int d
 
 static void put_facts(FILE *f, const sg_run_summary *s)
 {
-    fprintf(f, "<table>\n");
+    fprintf(f, "<div class=wide><table>\n");
     put_row(f, "PSNR of the test views", fact(s, "psnr"), 1, 2, " dB");
     put_row(f, "SSIM of the test views", fact(s, "ssim"), 1, 4, "");
     put_row(f, "Gaussians", fact(s, "final_gaussians"), 1, 0, "");
@@ -113,7 +113,7 @@ static void put_facts(FILE *f, const sg_run_summary *s)
     put_row(f, "frames a second", fact(s, "fps"), 1, 1, "");
     put_row(f, "photos trained on", fact(s, "train_views"), 1, 0, "");
     put_row(f, "removed by the defense", fact(s, "defense.filter_removed"), 1, 0, "");
-    fprintf(f, "</table>\n");
+    fprintf(f, "</table></div>\n");
 }
 
 static void put_limit(FILE *f, const char *name, double used, double limit, double scale,
