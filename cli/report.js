@@ -236,16 +236,18 @@ function choose(id, names) {
     list.addEventListener('change', draw);
 }
 
-// A box for each defense, beside its colour; at first as many are ticked as there are colours.
+const defensesOf = scene => unique(results.filter(r => sceneOf(r) === scene).map(r => r.defense));
+
+// A box for each defense, beside its colour; at first as many of a scene are ticked as there are colours.
 function chooseDefenses() {
-    const place = document.getElementById('defenses');
-    defenses.forEach((name, i) => {
+    const place = document.getElementById('defenses'), first = scenes.flatMap(s => defensesOf(s).slice(0, colours.length));
+    for (const name of defenses) {
         const label = document.createElement('label'), box = document.createElement('input'), swatch = document.createElement('span');
-        box.type = 'checkbox', box.value = name, box.checked = i < colours.length;
+        box.type = 'checkbox', box.value = name, box.checked = first.includes(name);
         swatch.className = 'swatch';
         label.append(box, swatch, name);
         place.append(label);
-    });
+    }
     for (const [name, ticked] of [['all', true], ['none', false]]) {
         const button = document.createElement('button');
         button.type = 'button', button.textContent = name;
@@ -260,8 +262,8 @@ function chooseDefenses() {
 
 // Those of the scene that are ticked.
 function updateDefenses(scene) {
-    const there = new Set(results.filter(r => sceneOf(r) === scene).map(r => r.defense)), labels = [...document.querySelectorAll('#defenses label')];
-    for (const label of labels) label.hidden = !there.has(label.firstChild.value);
+    const there = defensesOf(scene), labels = [...document.querySelectorAll('#defenses label')];
+    for (const label of labels) label.hidden = !there.includes(label.firstChild.value);
     shownDefenses = labels.filter(l => !l.hidden && l.firstChild.checked).map(l => l.firstChild.value);
     for (const {firstChild: box, childNodes: [, swatch]} of labels)
         swatch.style.background = box.checked ? colour(box.value) : 'none';
