@@ -62,8 +62,7 @@ struct sg_spectrum {
 /* Measures an image. rgb: height x width x 3. params may be NULL. amplitude: NULL, or height x
  * width floats that receive ln(1 + |DFT|) of the mean of the channels, with frequency zero at
  * [height / 2][width / 2]. Errors: SG_ERR_USAGE, also for a side outside 1..SG_SIDE_MAX;
- * SG_ERR_BUDGET.
- */
+ * SG_ERR_BUDGET. */
 SG_API int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
                                const struct sg_spectrum_params *params, struct sg_spectrum *out,
                                float *amplitude);

@@ -46,7 +46,7 @@ static sg_ctx *make_context(void)
 }
 
 /* Together every state that a checkpoint can have. The step after resuming, the fourth, edits the
- * model. */
+ * models of MCMC and of anchors. */
 static struct sg_train_params parameters(enum run run)
 {
     static const float tolerances[VIEWS] = {3, 0};
