@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <limits.h>
+#include <string.h>
 
 #include "interrupt.h"
 #include "model_views.h"
@@ -102,6 +103,26 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path)
     return error ? report_option(ctx, &command_prune, error) : say_result(c, &result, left);
 }
 
+/* A run knows how long its model was trained, and on which photos. */
+static void adopt_training(struct prune_config *c, const struct sg_run_params *run,
+                           const char *model, const bool *given)
+{
+    const char *name = strstr(model, "/iteration_");
+    int iteration = 0;
+    adopt_scene_options(run, "Defense", &command_prune, given, c, &c->scene);
+    for (const char *next = name; next; next = strstr(next + 1, "/iteration_"))
+        name = next;
+    if (name && sscanf(name, "/iteration_%d/", &iteration) == 1 &&
+        !options_given(&command_prune, given, P(prune.trained)))
+        c->prune.trained = iteration;
+    const struct sg_train_params *t = &run->train;
+    const bool tolerant = t->tolerance > 0 || t->tolerance == SG_TOLERANCE_AUTO;
+    if (c->prune.finetune && (t->defense.on || tolerant || run->audit == SG_RUN_AUDIT_DEFEND))
+        say(stderr,
+            "warning: the run was trained with a defense; fine-tuning learns from its photos "
+            "without one, --finetune 0 does not\n");
+}
+
 static int run_prune(const void *config, const bool *given, const char *const *positional,
                      int count)
 {
@@ -124,6 +145,8 @@ static int run_prune(const void *config, const bool *given, const char *const *p
             positional[0]);
         code = STATUS_INPUT;
     }
+    if (!code && is_run)
+        adopt_training(c, &run, path, given);
     if (!code && (!c->scene_path || !c->output))
         code = missing(&command_prune, c->scene_path ? "-o OUT.ply" : "--scene SCENE");
     if (!code)
@@ -144,7 +167,8 @@ const struct command command_prune = {
     .description =
         "Scores the Gaussians of a trained model over the training views of SCENE, removes the "
         "lowest and trains the others without densification, as LightGaussian and PUP 3D-GS do; "
-        "also with the score of the spectral defense. A run's folder brings its own scene options.",
+        "also with the score of the spectral defense. A run's folder brings its own scene options, "
+        "--smooth and --trained.",
     .groups = "Pruning|Model and views|Scene|LightGaussian|PUP 3D-GS|Spectral|Defense",
     .options = prune_options,
     .parts = prune_parts,

@@ -11,18 +11,25 @@ struct model_options model_options_default(void)
         .engine = "auto", .scene = sg_scene_params_default(), .render = sg_render_params_default()};
 }
 
+void adopt_scene_options(const struct sg_run_params *run, const char *group,
+                         const struct command *command, const bool *given, const void *config,
+                         struct sg_scene_params *scene)
+{
+    const size_t at = (size_t) ((const char *) scene - (const char *) config);
+    for (const struct sg_option *row = sg_scene_options(); row->name; row++)
+        if (!row->transient && !strcmp(row->group, group) &&
+            !options_given(command, given, at + row->offset))
+            sg_option_copy(row, scene, &run->scene);
+}
+
 int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *command,
                     const bool *given, const void *config, struct sg_scene_params *scene,
                     const char **scene_path, struct sg_run_params *run)
 {
-    const size_t at = (size_t) ((const char *) scene - (const char *) config);
     const int error = sg_run_read_scene(ctx, folder, run);
     if (error)
         return report(ctx, error);
-    for (const struct sg_option *row = sg_scene_options(); row->name; row++)
-        if (!row->transient && !strcmp(row->group, "Scene") &&
-            !options_given(command, given, at + row->offset))
-            sg_option_copy(row, scene, &run->scene);
+    adopt_scene_options(run, "Scene", command, given, config, scene);
     if (!*scene_path)
         *scene_path = run->source;
     return STATUS_DONE;

@@ -55,6 +55,11 @@ int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *comma
                     const bool *given, const void *config, struct sg_scene_params *scene,
                     const char **scene_path, struct sg_run_params *run);
 
+/* The same of the scene options of one group. */
+void adopt_scene_options(const struct sg_run_params *run, const char *group,
+                         const struct command *command, const bool *given, const void *config,
+                         struct sg_scene_params *scene);
+
 struct model_views {
     sg_ctx *ctx;
     struct sg_scene *scene;
