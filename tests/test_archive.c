@@ -183,7 +183,8 @@ static void refused(struct fixture *f, struct archive *a, const char *why)
     if (a)
         put_archive(f, a);
     const uint64_t held = sg_mem_current(f->ctx, SG_MEM_TAGS);
-    assert_int_equal(sg_scene_load(f->ctx, at(f, "s.zip"), NULL, &scene), SG_ERR_INPUT);
+    assert_int_equal(sg_scene_load(f->ctx, at(f, "s.zip"), sg_scene_params(.strict = true), &scene),
+                     SG_ERR_INPUT);
     assert_null(scene);
     if (!strstr(sg_last_error(f->ctx), "s.zip") || !strstr(sg_last_error(f->ctx), why))
         fail_msg("found \"%s\", expected \"%s\"", sg_last_error(f->ctx), why);

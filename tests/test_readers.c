@@ -76,6 +76,49 @@ static void missing_photos(void **state)
     }
 }
 
+/* Photos that cannot be decoded are skipped likewise, and the warning is the same for any number of
+ * threads: that of the first. So are those whose masks cannot be. */
+static void broken_photos(void **state)
+{
+    struct fixture *f = *state;
+    for (int i = 0; i < LAYOUTS; i++) {
+        put_layout(f, i, "");
+        put_png(f, "images/a.png", 20, 10, 3, 1);
+        put_text(f, "images/b.png", "no image");
+        put_text(f, "images/c.png", "");
+        f->warnings = 0;
+        struct sg_scene *s = load(f, NULL);
+        assert_int_equal(s->n_train, 1);
+        assert_string_equal(s->train[0].name, "a");
+        assert_non_null(strstr(f->said, "2 of 3 photos"));
+        assert_non_null(strstr(f->said, "b.png"));
+        sg_scene_destroy(&s);
+        expect_failure(f, sg_scene_params(.strict = true), SG_ERR_INPUT, "png", "found", NULL);
+        put_text(f, "images/a.png", "no image either");
+        expect_failure(f, NULL, SG_ERR_INPUT, "a.png", NULL);
+
+        put_png(f, "images/a.png", 20, 10, 3, 1);
+        put_png(f, "images/b.png", 20, 10, 3, 2);
+        put_png(f, "images/c.png", 20, 10, 3, 3);
+        put_text(f, "masks/a.png", "no mask");
+        put_png(f, "masks/b.png", 20, 10, 1, 255);
+        put_png(f, "masks/c.png", 20, 10, 1, 255);
+        f->warnings = 0;
+        s = load(f, NULL);
+        assert_int_equal(s->n_train, 2);
+        assert_non_null(strstr(f->said, "masks/a.png"));
+        sg_scene_destroy(&s);
+        for (const char *c = "abc"; *c; c++) {
+            char name[16];
+            snprintf(name, sizeof(name), "images/%c.png", *c);
+            remove(at(f, name));
+            snprintf(name, sizeof(name), "masks/%c.png", *c);
+            remove(at(f, name));
+        }
+        remove_layout(f, i);
+    }
+}
+
 static void marks(void **state)
 {
     struct fixture *f = *state;
@@ -207,7 +250,7 @@ static void huge_sparse_files(void **state)
         }
         const double begun = seconds();
         int code = cases[i].layout >= 0
-                       ? sg_scene_load(f->ctx, f->dir, NULL, &scene)
+                       ? sg_scene_load(f->ctx, f->dir, sg_scene_params(.strict = true), &scene)
                        : sg_model_read_ply(f->ctx, at(f, "m.ply"), UINT32_MAX, &model);
         const bool named = strstr(sg_last_error(f->ctx), cases[i].file);
         if (code != SG_ERR_INPUT || !named)
@@ -260,7 +303,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         scene_test(huge_sparse_files), /* first: the peak is the process's */
-        scene_test(missing_photos),    scene_test(marks),
+        scene_test(missing_photos),    scene_test(broken_photos),       scene_test(marks),
         scene_test(long_lines),        scene_test(files_that_are_none),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

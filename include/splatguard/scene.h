@@ -56,8 +56,9 @@ struct sg_scene_params {
     /* Nothing will be trained on the views: all may be test views, and no warning is given about
      * what training would lack. Default false. */
     bool untrained;
-    /* Refuse a scene if a photo is missing or has another scale than its camera. Otherwise such
-     * photos are skipped, or their focal lengths scaled, with a warning. Default false. */
+    /* Refuse a scene if a photo is missing, cannot be decoded, or has another scale than its
+     * camera. Otherwise such photos are skipped, or their focal lengths scaled, with a warning.
+     * Default false. */
     bool strict;
     enum sg_smooth smooth; /* filters training photos after resizing. Default SG_SMOOTH_OFF. */
     uint64_t max_pixels;   /* per image. Default 1 << 28. */

@@ -52,7 +52,8 @@ static const struct sg_option scene_options[] = {
             "Follow symbolic links that lead out of the scene's folder.", SCENE, EXPERT,
             .transient = true),
     SG_FLAG("strict", strict,
-            "Refuse a scene with missing photos, or photos at another scale than their camera.",
+            "Refuse a scene with missing or broken photos, or photos at another scale than their "
+            "camera.",
             SCENE, .transient = true),
     SG_CHOICE("smooth", smooth, "off|gaussian|bilateral|wavelet", "FILTER",
               "Smooth the training photos after resizing, as a simple defense to compare with: "

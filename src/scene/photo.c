@@ -200,7 +200,8 @@ static int read_file(sg_ctx *ctx, const struct sg_lazy_photo *p, const struct sg
                      uint8_t **rgb)
 {
     struct sg_view again = {0};
-    int code = sg_view_load(ctx, p->all->files, p->shot, &again);
+    bool broken = false;
+    int code = sg_view_load(ctx, p->all->files, p->shot, &again, &broken);
     if (!code && (again.hash != view->hash || again.file_width != view->file_width ||
                   again.file_height != view->file_height))
         code =

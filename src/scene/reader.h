@@ -142,13 +142,15 @@ struct sg_scene_files {
 void sg_scene_files_destroy(struct sg_scene_files **files);
 
 /* views.c: decodes, undistorts and resamples the photo of every shot, in parallel. views: one a
- * shot, zeroed. lazy: takes the pixels; may be NULL. */
+ * shot, zeroed; it stays so where the photo or its mask cannot be decoded, unless params are
+ * strict. lazy: takes the pixels; may be NULL. */
 int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
                   const struct sg_scene_files *files, struct sg_lazy_photos *lazy,
                   struct sg_view *views);
-/* One of them. view: zeroed. Thread safe. */
+/* One of them. view: zeroed. *broken: set, with an error, if the photo or its mask cannot be
+ * decoded. Thread safe. */
 int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
-                 struct sg_view *view);
+                 struct sg_view *view, bool *broken);
 void sg_view_clear(struct sg_view *view);
 /* Of the pixels and the mask. */
 uint64_t sg_view_hash(const struct sg_view *view);

@@ -204,7 +204,8 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     views = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*views));
     code = views ? sg_views_load(ctx, params, files, lazy, views) : SG_ERR_BUDGET;
     for (size_t i = 0; i < n && !code; i++)
-        code = sg_scene_builder_put_view(builder, &views[i], files->shots.items[i].split);
+        if (views[i].name)
+            code = sg_scene_builder_put_view(builder, &views[i], files->shots.items[i].split);
     if (!code)
         code = sg_scene_builder_finish(&builder, out);
 done:

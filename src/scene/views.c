@@ -2,6 +2,7 @@
 /* From a shot to a view: decode, composite, undistort, resample, and the camera that belongs to the
  * result. */
 #include <math.h>
+#include <pthread.h>
 #include <stdatomic.h>
 #include <string.h>
 
@@ -17,6 +18,10 @@ struct job {
     struct sg_view *views;
     atomic_int code;     /* the first error of a photo; the other threads then stop */
     atomic_bool crowded; /* there was no memory to decode another photo at the same time */
+    pthread_mutex_t lock;
+    bool *left_out;           /* of each photo: it cannot be decoded */
+    size_t unreadable, first; /* how many, and the first of them */
+    struct sg_failure why;    /* of the first */
 };
 
 /* The reference's resolution rule, in double precision and with its roundings, then the
@@ -97,26 +102,29 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
     return SG_OK;
 }
 
-/* Opened once, in the scene's folder, and decoded from that. */
+/* Opened once, in the scene's folder, and decoded from that. *broken: set if it cannot be decoded.
+ */
 static int read_image(sg_ctx *ctx, const struct sg_scene_files *files, const char *path,
-                      struct sg_image *out)
+                      struct sg_image *out, bool *broken)
 {
     struct sg_source in;
     int code = sg_folder_source(ctx, &files->dir, path, UINT64_MAX, &in);
-    if (!code)
+    if (!code) {
         code = sg_image_read_source(ctx, &in, files->params.max_pixels, out);
+        *broken |= code == SG_ERR_INPUT;
+    }
     sg_source_close(&in);
     return code;
 }
 
 /* The mask of a shot at the photo's size, 0 or 255. */
 static int load_mask(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
-                     int width, int height, uint8_t **out)
+                     int width, int height, uint8_t **out, bool *broken)
 {
     struct sg_image image = {0};
     size_t pixels = (size_t) width * (size_t) height;
     uint8_t *grey = NULL;
-    int code = read_image(ctx, files, shot->mask, &image);
+    int code = read_image(ctx, files, shot->mask, &image, broken);
     if (code)
         return code;
     size_t n = (size_t) image.width * (size_t) image.height, step = (size_t) image.channels;
@@ -220,7 +228,7 @@ static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view, int w,
 }
 
 int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
-                 struct sg_view *view)
+                 struct sg_view *view, bool *broken)
 {
     const struct sg_scene_params *params = &files->params;
     struct sg_image image = {0};
@@ -232,7 +240,7 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
     view->path = sg_strdup(ctx, shot->path);
     if (!view->name || !view->file || !view->path)
         return SG_ERR_BUDGET;
-    int code = read_image(ctx, files, shot->path, &image);
+    int code = read_image(ctx, files, shot->path, &image, broken);
     if (code)
         return code;
     const int width = image.width, height = image.height;
@@ -260,7 +268,7 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
     if (!code)
         code = fit_lens(ctx, shot, width, height, &lens);
     if (!code && shot->mask)
-        code = load_mask(ctx, files, shot, width, height, &view->mask);
+        code = load_mask(ctx, files, shot, width, height, &view->mask, broken);
     if (code)
         goto done;
     view->undistorted = sg_lens_is_distorted(&lens);
@@ -304,20 +312,38 @@ done:
     return code;
 }
 
-/* After an error the view is empty. */
+/* Remembers a photo that is left out. */
+static void leave_out(struct job *job, size_t i, const struct sg_failure *why)
+{
+    pthread_mutex_lock(&job->lock);
+    if (!job->unreadable++ || i < job->first)
+        job->first = i, job->why = *why;
+    pthread_mutex_unlock(&job->lock);
+    job->left_out[i] = true;
+}
+
+/* After an error the view is empty, and where its photo is left out. */
 static int load_view(struct job *job, size_t i)
 {
     const struct sg_shot *shot = &job->files->shots.items[i];
     struct sg_view *view = &job->views[i];
     struct sg_meter meter;
+    struct sg_failure failure = {.code = SG_OK};
+    bool broken = false;
+    sg_failures_apart(&failure);
     sg_meter_begin(&meter);
-    int code = sg_view_load(job->ctx, job->files, shot, view);
+    int code = sg_view_load(job->ctx, job->files, shot, view, &broken);
     sg_meter_end(&meter);
     if (!code && job->lazy)
         code = sg_lazy_photo_keep(job->ctx, job->lazy, shot, (uint64_t) meter.peak, view);
+    sg_failures_apart(NULL);
     if (code)
         sg_view_clear(view);
-    return code;
+    if (broken && !job->files->params.strict)
+        leave_out(job, i, &failure);
+    else if (code)
+        code = sg_fail(job->ctx, code, "%s", failure.text);
+    return job->left_out[i] ? SG_OK : code;
 }
 
 static void load_one(void *arg, size_t i, int thread)
@@ -341,8 +367,8 @@ static int load_rest(struct job *job, size_t n)
     for (size_t i = 0; i < n; i++) {
         sg_clear_error(ctx);
         int code = sg_progress(ctx, SG_STAGE_LOAD, i, n);
-        while (!code && !job->views[i].name && (code = load_view(job, i)) == SG_ERR_BUDGET &&
-               sg_lazy_photos_halve(job->lazy)) {
+        while (!code && !job->views[i].name && !job->left_out[i] &&
+               (code = load_view(job, i)) == SG_ERR_BUDGET && sg_lazy_photos_halve(job->lazy)) {
             sg_clear_error(ctx);
             code = SG_OK;
         }
@@ -368,8 +394,8 @@ static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params,
     size_t scaled = 0, first = 0, photos = 0;
     for (size_t i = 0; i < shots->count && !params->images; i++) {
         const struct sg_lens *lens = &shots->items[i].lens;
-        if (shots->items[i].half == SG_HALF_LEFT)
-            continue; /* its right half counts */
+        if (shots->items[i].half == SG_HALF_LEFT || !views[i].name)
+            continue; /* its right half counts; left out */
         photos++;
         if (((lens->width && lens->width != views[i].file_width) ||
              (lens->height && lens->height != views[i].file_height)) &&
@@ -392,15 +418,35 @@ static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params,
     return SG_OK;
 }
 
+static int say_left_out(const struct job *job, size_t n)
+{
+    if (job->unreadable == n)
+        return sg_fail(job->ctx, SG_ERR_INPUT, "%s", job->why.text);
+    if (job->unreadable)
+        sg_log(job->ctx, SG_LOG_WARN,
+               "%zu of %zu photos cannot be read and are skipped; the first: %s", job->unreadable,
+               n, job->why.text);
+    return SG_OK;
+}
+
 int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
                   const struct sg_scene_files *files, struct sg_lazy_photos *lazy,
                   struct sg_view *views)
 {
-    struct job job = {.ctx = ctx, .files = files, .lazy = lazy, .views = views};
-    int code = sg_parallel_stage(ctx, SG_STAGE_LOAD, files->shots.count, load_one, &job);
+    const size_t n = files->shots.count;
+    struct job job = {.ctx = ctx,
+                      .files = files,
+                      .lazy = lazy,
+                      .views = views,
+                      .lock = PTHREAD_MUTEX_INITIALIZER,
+                      .left_out = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*job.left_out))};
+    int code =
+        job.left_out ? sg_parallel_stage(ctx, SG_STAGE_LOAD, n, load_one, &job) : SG_ERR_BUDGET;
     if (!code)
-        code = atomic_load(&job.crowded) ? load_rest(&job, files->shots.count)
-                                         : atomic_load(&job.code);
+        code = atomic_load(&job.crowded) ? load_rest(&job, n) : atomic_load(&job.code);
+    sg_free(job.left_out);
+    if (!code)
+        code = say_left_out(&job, n);
     if (!code && lazy)
         sg_lazy_photos_settle(ctx, lazy);
     return code ? code : check_scale(ctx, params, &files->shots, views);

@@ -132,5 +132,16 @@ expect 2 train --resume other --iterations 200; says 'expected a checkpoint'
 expect 3 train scene/blender -o r3 $short --init-points 300000 --max-memory 20M; says 'expected at least'
 [ ! -e r3 ] || fail "a run folder was made for a training that cannot start"
 : >scene/blender/train/r_3.png
-expect 2 train scene/blender -o r4 $short; says r_3.png
+expect 2 train scene/blender -o r4 $short --strict; says r_3.png
 [ ! -e r4 ] || fail "a run folder was made for a broken scene"
+
+# One photo that cannot be read does not stop the others.
+expect 0 train scene/blender -o r4 $short; says '1 of '; says 'r_3.png: found an empty file'
+grep -q '"r_3"' r4/cameras.json && fail "a photo that cannot be read was trained on"
+expect 0 train --resume r4 --iterations 130 -q
+expect 0 attack scene/blender -o poisoned --proxy r4 --iterations 2 --inner 2 -q; says 'r_3.png'
+expect 0 smooth scene/blender -o smoothed --smooth gaussian -q; says 'r_3.png'
+expect 0 audit scene/blender -q; says 'r_3.png'
+for f in scene/blender/train/*.png; do : >$f; done
+expect 2 train scene/blender -o r5 $short; says 'train/r_0.png: found an empty file'
+[ ! -e r5 ] || fail "a run folder was made for a scene without photos"
