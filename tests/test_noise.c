@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Looks at the tolerances: noise is measured during training, the tolerances and the threshold of
  * growth follow, and the result depends neither on threads nor on where a run was saved. */
+#include "image/smooth.h"
 #include "train/trainer.h"
 #include "training.h"
 
@@ -362,6 +363,83 @@ static void looks_come_before_resets(void **state)
     clear_fixture(&f);
 }
 
+static struct sg_train_params smoothing_params(void)
+{
+    struct sg_train_params p = look_params();
+    p.tolerance_smooth = 0; /* anything beyond the tolerances */
+    return p;
+}
+
+/* Where the tolerances hide too little, the photos that have one are smoothed, and trained on as if
+ * they had been read so. */
+static void photos_that_disagree_are_smoothed(void **state)
+{
+    (void) state;
+    struct fixture f = make_noisy(1), smoothed = make_noisy(1);
+    struct sg_train_params p = smoothing_params();
+    struct sg_train_step s, next, same;
+    for (size_t v = 0; v + 1 < VIEWS; v++)
+        assert_int_equal(sg_smooth(f.ctx, SG_SMOOTH_BILATERAL, f.views[v].rgb, NULL, PHOTO, PHOTO,
+                                   smoothed.views[v].rgb),
+                         SG_OK);
+    sg_trainer *t = begin_training(&f, &p);
+    for (int it = 1; it <= LOOK; it++)
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+    assert_true(s.noise.smooths && s.noise.level > EPSILON);
+    for (size_t v = 0; v < VIEWS; v++) {
+        assert_true(sg_trainer_tolerance(t, v) == 0);
+        assert_int_equal(sg_trainer_smooths(t, v), v + 1 < VIEWS);
+    }
+    assert_true(sg_trainer_growth_threshold(t) == p.densify_grad_threshold);
+    struct sg_model *m = NULL;
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    for (int it = LOOK + 1; it <= p.iterations; it++) { /* no second look */
+        assert_int_equal(sg_trainer_step(t, it == LOOK + 1 ? &next : &s), SG_OK);
+        assert_int_equal(s.noise.compared, it == LOOK + 1 ? VIEWS - 1 : 0);
+    }
+    sg_trainer_destroy(&t);
+
+    struct sg_train_params plain = p;
+    plain.tolerances = NULL;
+    sg_model_destroy(&smoothed.start);
+    smoothed.start = m;
+    t = begin_training(&smoothed, &plain);
+    t->steps = LOOK; /* the same view */
+    assert_int_equal(sg_trainer_step(t, &same), SG_OK);
+    assert_int_equal(same.view, next.view);
+    assert_true(same.loss == next.loss && same.l1 == next.l1 && same.ssim == next.ssim);
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+    clear_fixture(&smoothed);
+}
+
+/* Not where a tolerance helps: little is beyond, noise is weak, or the bound shows; nor tolerances
+ * that were given. */
+static void others_are_not_smoothed(void **state)
+{
+    (void) state;
+    for (int i = 0; i < 5; i++) {
+        struct fixture f = make_grey(1, i == 2 ? BLACK : 0, SOME);
+        struct sg_train_params p = smoothing_params();
+        struct sg_noise n;
+        if (i == 1)
+            p.tolerance_smooth = 1;
+        if (i == 3)
+            for (size_t v = 0; v < VIEWS; v++) /* half of the noise */
+                for (size_t k = 0; k < 3 * PHOTO * PHOTO; k++)
+                    f.views[v].rgb[k] = (uint8_t) ((f.views[v].rgb[k] + f.views[v].rgb[0]) / 2);
+        if (i == 4)
+            p.tolerances = NULL, p.tolerance = 20;
+        sg_trainer *t = begin_training(&f, &p);
+        assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+        assert_int_equal(n.smooths, i == 0);
+        if (i == 3)
+            assert_true(n.level > 0 && n.level < 10);
+        sg_trainer_destroy(&t);
+        clear_fixture(&f);
+    }
+}
+
 static void no_look_is_asked_for(void **state)
 {
     (void) state;
@@ -386,10 +464,8 @@ static void no_look_is_asked_for(void **state)
     clear_fixture(&f);
 }
 
-static void same_bytes_for_threads_and_resume(void **state)
+static void same_bytes(struct sg_train_params p)
 {
-    (void) state;
-    const struct sg_train_params p = look_params();
     char path[] = "/tmp/sg_noise_XXXXXX";
     close(mkstemp(path));
     struct fixture one = make_noisy(1), three = make_noisy(3);
@@ -410,6 +486,13 @@ static void same_bytes_for_threads_and_resume(void **state)
     remove(path);
     clear_fixture(&one);
     clear_fixture(&three);
+}
+
+static void same_bytes_for_threads_and_resume(void **state)
+{
+    (void) state;
+    same_bytes(look_params());
+    same_bytes(smoothing_params());
 }
 
 /* A tolerance brings a total variation with it, unless its weight is 0. */
@@ -450,6 +533,8 @@ int main(void)
         cmocka_unit_test(given_tolerance_stays),
         cmocka_unit_test(growth_follows_what_is_hidden),
         cmocka_unit_test(looks_come_before_resets),
+        cmocka_unit_test(photos_that_disagree_are_smoothed),
+        cmocka_unit_test(others_are_not_smoothed),
         cmocka_unit_test(no_look_is_asked_for),
         cmocka_unit_test(same_bytes_for_threads_and_resume),
         cmocka_unit_test(total_variation_of_tolerated_photos),

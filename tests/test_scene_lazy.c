@@ -3,6 +3,7 @@
  * any limit; what is dropped is read again, and must not have changed. */
 #include "core/context.h"
 #include "models.h"
+#include "train/trainer.h"
 
 #define SIDE 64
 #define VIEWS 10
@@ -77,7 +78,9 @@ static struct sg_scene *make_scene(sg_ctx *ctx, bool lazy, uint64_t keep)
     return scene;
 }
 
-static struct sg_model *train(sg_ctx *ctx, const struct sg_scene *scene, int iterations)
+/* smooth_after: iterations after which the photos with a tolerance are smoothed. */
+static struct sg_model *train_smoothed(sg_ctx *ctx, const struct sg_scene *scene, int iterations,
+                                       int smooth_after)
 {
     struct sg_model *start, *m;
     sg_trainer *t;
@@ -91,11 +94,16 @@ static struct sg_model *train(sg_ctx *ctx, const struct sg_scene *scene, int ite
     assert_int_equal(sg_trainer_create(ctx, scene, start, &p, &t), SG_OK);
     sg_model_destroy(&start);
     for (int i = 0; i < iterations; i++)
-        if (sg_trainer_step(t, NULL))
+        if (sg_trainer_step(t, NULL) || (i + 1 == smooth_after && sg_trainer_smooth(t)))
             fail_msg("step %d: %s", i, sg_last_error(ctx));
     assert_int_equal(sg_trainer_model(t, &m), SG_OK);
     sg_trainer_destroy(&t);
     return m;
+}
+
+static struct sg_model *train(sg_ctx *ctx, const struct sg_scene *scene, int iterations)
+{
+    return train_smoothed(ctx, scene, iterations, iterations + 1);
 }
 
 static void same_model(const struct sg_model *a, const struct sg_model *b)
@@ -145,6 +153,34 @@ static void test_same_for_any_limit(void **state)
     }
     sg_audit_destroy(&judged);
     sg_model_destroy(&expected);
+    sg_scene_destroy(&scene);
+    sg_ctx_destroy(&plain);
+}
+
+static void test_smoothed_for_any_limit(void **state)
+{
+    (void) state;
+    fill_sources();
+    sg_ctx *plain = limited(0);
+    struct sg_scene *scene = make_scene(plain, false, KEEP_DEFAULT);
+    struct sg_model *expected = train_smoothed(plain, scene, 25, 12),
+                    *other = train(plain, scene, 25);
+    assert_true(other->count != expected->count ||
+                memcmp(other->params, expected->params, 16 * sizeof(float)));
+    static const uint64_t limits[] = {0, 64 << 20, 0, 12 << 20, 12 << 20},
+                          keeps[] = {KEEP_DEFAULT, KEEP_DEFAULT, 0, 3 * BYTES, 0};
+    for (int i = 0; i < 5; i++) {
+        sg_ctx *ctx = limited(limits[i]);
+        struct sg_scene *lazy = make_scene(ctx, true, keeps[i]);
+        struct sg_model *m = train_smoothed(ctx, lazy, 25, 12);
+        same_model(m, expected);
+        sg_model_destroy(&m);
+        sg_scene_destroy(&lazy);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+    sg_model_destroy(&expected);
+    sg_model_destroy(&other);
     sg_scene_destroy(&scene);
     sg_ctx_destroy(&plain);
 }
@@ -264,6 +300,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_same_for_any_limit),
+        cmocka_unit_test(test_smoothed_for_any_limit),
         cmocka_unit_test(test_dropped),
         cmocka_unit_test(test_users),
         cmocka_unit_test(test_refused),

@@ -186,6 +186,11 @@ struct sg_train_params {
      * tolerance, no Gaussian is added or removed in these iterations, and learning rates fall to a
      * fiftieth. 0..1000, 0 = off, and so always with SG_MODEL_SCAFFOLD. Default 20. */
     float tolerance_low_pass;
+    /* With `tolerances`, where the first look finds a level of at least 10 grey levels, and more
+     * than this share of the differences beyond the tolerances, no bound of a poison shows, and
+     * photos agree too little for a tolerance to help: those with one are smoothed with
+     * SG_SMOOTH_BILATERAL from then on, and have none. 0..1, 1 = never. Default 0.33. */
+    float tolerance_smooth;
     /* Each photo has an affine map of colours, which is learned with the model and shows how the
      * photo was exposed. Renders are without. Default false. */
     bool exposure;
@@ -239,13 +244,14 @@ struct sg_train_params {
 #define SG_TRAIN_DEFAULTS                                                                          \
     .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,    \
     .tolerance_tv = 0.1f, .tolerance_look = -1, .tolerance_growth = 2, .tolerance_low_pass = 20,   \
-    .exposure_lr_init = 0.01f, .exposure_lr_final = 0.001f, .position_lr_init = 1.6e-4f,           \
-    .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000, .feature_lr = 0.0025f,           \
-    .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \
-    .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,          \
-    .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,      \
-    .mcmc = {SG_MCMC_DEFAULTS}, .mip = {SG_MIP_DEFAULTS}, .scaffold = {SG_SCAFFOLD_DEFAULTS},      \
-    .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .engine = "auto"
+    .tolerance_smooth = 0.33f, .exposure_lr_init = 0.01f, .exposure_lr_final = 0.001f,             \
+    .position_lr_init = 1.6e-4f, .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000,     \
+    .feature_lr = 0.0025f, .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f,       \
+    .percent_dense = 0.01f, .densification_interval = 100, .densify_from_iter = 500,               \
+    .densify_until_iter = 15000, .densify_grad_threshold = 0.0002f,                                \
+    .opacity_reset_interval = 3000, .init_points = 100000, .mcmc = {SG_MCMC_DEFAULTS},             \
+    .mip = {SG_MIP_DEFAULTS}, .scaffold = {SG_SCAFFOLD_DEFAULTS}, .max_instances = 1u << 24,       \
+    .defense = {SG_DEFENSE_DEFAULTS}, .engine = "auto"
 SG_API struct sg_train_params sg_train_params_default(void);
 
 /* Values of `tolerance` in struct sg_run_params. AUTO: the audit's estimate for each photo. PRESET:
@@ -263,6 +269,7 @@ struct sg_noise {
     size_t photos;   /* those of them with enough quiet parts to measure noise */
     size_t bounded;  /* those that show the bound of a poison, where renders are black or white */
     size_t added;    /* photos without a tolerance that show it too, and have one from now on */
+    bool smooths;    /* photos with a tolerance are smoothed from now on, see tolerance_smooth */
     /* Of the noise in grey levels. If a quarter of those compared show a bound: its 75th
      * percentile, but at least half of the median of `tolerances`. Else that of the earlier looks,
      * at the first one the 75th percentile over `photos`, and half of it again as far as that

@@ -180,6 +180,11 @@ static void say_tolerance(const sg_run *r)
             "iteration %d: tolerance %s from %.1f to %.1f grey levels, as %zu of %zu photos show",
             r->step.iteration, level > before ? "raised" : "lowered", before / 10, level / 10,
             n->deciding, n->compared);
+    if (n->smooths)
+        sg_log(r->ctx, SG_LOG_INFO,
+               "iteration %d: photos and model agree too little for a tolerance; photos with one "
+               "are smoothed from here on",
+               r->step.iteration);
     if (n->added)
         sg_log(r->ctx, SG_LOG_INFO,
                "iteration %d: %zu more photos show the same bound and get the tolerance",

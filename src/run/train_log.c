@@ -180,12 +180,12 @@ int sg_run_log_noise(sg_run *r)
 {
     const struct sg_noise *n = &r->step.noise;
     return write_line(r,
-                      json_pack("{s:i,s:I,s:I,s:I,s:I,s:o,s:o,s:o,s:o}", "noise", r->step.iteration,
-                                "compared", (json_int_t) n->compared, "photos",
+                      json_pack("{s:i,s:I,s:I,s:I,s:I,s:o,s:o,s:o,s:o,s:b}", "noise",
+                                r->step.iteration, "compared", (json_int_t) n->compared, "photos",
                                 (json_int_t) n->photos, "bounded", (json_int_t) n->bounded, "added",
                                 (json_int_t) n->added, "level", sg_number_json(n->level), "before",
                                 sg_number_json(n->before), "kurtosis", sg_number_json(n->kurtosis),
-                                "beyond", sg_number_json(n->beyond)),
+                                "beyond", sg_number_json(n->beyond), "smooths", n->smooths),
                       0);
 }
 

@@ -5,6 +5,7 @@
 
 #include "core/json_text.h"
 #include "train.h"
+#include "train/trainer.h"
 
 /* The processor's name, so that every figure says where it comes from. */
 static json_t *machine(void)
@@ -48,18 +49,21 @@ static json_t *stages(const sg_trainer *trainer)
     return object;
 }
 
-/* How many photos have a tolerance, and what it is on average, in grey levels. */
+/* How many photos have a tolerance, and what it is on average, in grey levels; and how many are
+ * smoothed instead. */
 static json_t *tolerance(const sg_run *r)
 {
-    size_t photos = 0;
+    size_t photos = 0, smoothed = 0;
     double sum = 0;
     for (size_t i = 0; i < r->scene->n_train; i++) {
         const float levels = sg_trainer_tolerance(r->trainer, i);
         photos += levels > 0;
+        smoothed += sg_trainer_smooths(r->trainer, i);
         sum += (double) levels;
     }
-    return json_pack("{s:I,s:o}", "photos", (json_int_t) photos, "levels",
-                     sg_number_json(photos ? sum / (double) photos : 0));
+    return json_pack("{s:I,s:o,s:I}", "photos", (json_int_t) photos, "levels",
+                     sg_number_json(photos ? sum / (double) photos : 0), "smoothed",
+                     (json_int_t) smoothed);
 }
 
 /* The limits of the run and those that it met. */

@@ -78,6 +78,18 @@ static struct sg_work work_of(sg_ctx *ctx, const struct sg_train_params *p, int 
                             .height = 1};
 }
 
+/* In pixels, of the training views. */
+static size_t largest_photo(const struct sg_scene *scene)
+{
+    size_t most = 0;
+    for (size_t i = 0; i < scene->n_train; i++) {
+        const struct sg_camera *c = &scene->train[i].camera;
+        const size_t n = (size_t) c->width * (size_t) c->height;
+        most = n > most ? n : most;
+    }
+    return most;
+}
+
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
                    int sh_degree, uint64_t leaving, bool accumulate, struct sg_budget *out)
 {
@@ -98,7 +110,9 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                                        largest_view(engine, work, scene->train, scene->n_train, 0));
     const uint64_t each = need.gaussian + PLAN_BYTES + LISTED * need.instance +
                           (work.mip ? 2 * sizeof(float) : 0); /* a second statistic, sorted */
-    const uint64_t fixed = (held > leaving ? held - leaving : 0) + view + FIXED_BYTES,
+    const uint64_t smoothed =
+        p->tolerances && p->tolerance_smooth < 1 ? sg_mem_cost(3 * largest_photo(scene)) : 0;
+    const uint64_t fixed = (held > leaving ? held - leaving : 0) + view + smoothed + FIXED_BYTES,
                    least = LEAST * each, expected = fixed + least_photos(&photos) + least;
     if (limit < expected)
         return sg_fail(

@@ -28,7 +28,7 @@ static bool counters_sound(const struct sg_checkpoint_header *h)
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
     return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 &&
-           h->noise >= 0 && h->noise <= 255 && h->beyond >= 0 && h->beyond <= 1;
+           h->noise >= 0 && h->noise <= 255 && h->beyond >= 0 && h->beyond <= 1 && h->smooths <= 1;
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)
@@ -264,6 +264,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
             t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
         .noise = t->noise,
         .beyond = t->beyond,
+        .smooths = t->smooths,
         .gaussians_bound = t->gaussians_bound,
         .time_bound = t->time_bound,
         .photos = t->photos_hash,
@@ -631,6 +632,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     t->steps = h->steps;
     t->spent += h->spent;
     t->noise = h->noise, t->beyond = h->beyond;
+    t->smooths = h->smooths && t->tolerances;
     t->gaussians_bound = h->gaussians_bound || r.kept < r.n, t->time_bound = h->time_bound;
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h->adam_steps[g];

@@ -23,7 +23,7 @@ struct sg_checkpoint_header {
     uint32_t photos; /* hash of the training views' pixels and masks */
     uint32_t kind;
     uint64_t parameters, strength; /* struct sg_identity */
-    uint32_t sections, zero;
+    uint32_t sections, smooths;
 };
 
 /* Before the bytes of a section: of a column that is saved, once each and in any order, blocks of

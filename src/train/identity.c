@@ -146,6 +146,9 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
     const double strength[] = {(double) p->tolerance, d->rho, d->rho_least, d->frequency,
                                d->lambda};
     uint64_t parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]));
+    const double smooth = (double) p->tolerance_smooth,
+                 usual = (double) sg_train_params_default().tolerance_smooth;
+    parameters = hash_unusual(&smooth, &usual, 1, parameters);
     if (p->strategy == SG_STRATEGY_MCMC)
         parameters = hash_mcmc(&p->mcmc, parameters);
     const double exposure[] = {(double) p->exposure_lr_init, (double) p->exposure_lr_final};

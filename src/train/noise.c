@@ -13,8 +13,9 @@
 #include "schedule.h"
 #include "trainer.h"
 
-#define PHOTOS 32 /* most photos that are measured */
-#define RAISE 1.5 /* for lossy compression */
+#define PHOTOS 32         /* most photos that are measured */
+#define RAISE 1.5         /* for lossy compression */
+#define LEAST_SMOOTHED 10 /* grey levels: weaker noise is not worth what smoothing costs */
 
 /* Sums of absolute differences of photos and renders, in grey levels. */
 struct difference {
@@ -216,6 +217,9 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
     for (size_t i = 0; t->tolerances && out->level > 0 && i < t->scene->n_train; i++)
         if (t->tolerances[i] > 0)
             t->tolerances[i] = (float) out->level;
+    out->smooths = t->tolerances && !(t->noise > 0) && out->level >= LEAST_SMOOTHED &&
+                   !shows_bound(&f) &&
+                   f.sum.beyond > (double) t->params.tolerance_smooth * f.sum.all;
     if (out->level > 0)
         t->noise = out->level;
     if (t->tolerances && shows_bound(&f))

@@ -186,6 +186,11 @@ static const struct sg_option train_options[] = {
           "tenth of the iterations, which restores contrast below the tolerance. Rates fall "
           "there, and no Gaussian is added or removed. 0 = off.",
           DEFENSE, EXPERT),
+    FLOAT("tolerance-smooth", tolerance_smooth, 0, 1,
+          "With --tolerance auto: where the first look finds more than this share of what photos "
+          "and renders differ in beyond the tolerance, photos agree too little for one, and are "
+          "smoothed instead, as by --smooth bilateral. 1 = never.",
+          DEFENSE, EXPERT),
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; growth:X = the "
            "share X of recent growth, up to 0.9, which -X means too; -1 = the preset's.",

@@ -13,6 +13,7 @@
 #include "defense/filter.h"
 #include "engine/scaffold/scaffold.h"
 #include "exposure.h"
+#include "image/smooth.h"
 #include "math/constants.h"
 #include "model/anchors.h"
 #include "model/mip.h"
@@ -139,6 +140,34 @@ int sg_trainer_renew_filter(sg_trainer *t)
     return code;
 }
 
+/* What the engine has no more. */
+static void let_go(sg_trainer *t, size_t view)
+{
+    if (t->smoothed[view])
+        sg_free(t->smoothed[view]);
+    else
+        sg_view_release(&t->scene->train[view]);
+    t->smoothed[view] = NULL;
+    t->photos[view] = 0;
+}
+
+/* Smoothed pixels take the place of the photo's, which is released. */
+static int smooth(sg_trainer *t, size_t view, const uint8_t **rgb)
+{
+    const struct sg_view *v = &t->scene->train[view];
+    const int w = v->camera.width, h = v->camera.height;
+    uint8_t *out = sg_alloc_raw(t->ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
+    const int code =
+        out ? sg_smooth(t->ctx, SG_SMOOTH_BILATERAL, *rgb, v->mask, w, h, out) : SG_ERR_BUDGET;
+    if (code) {
+        sg_free(out);
+        return code;
+    }
+    sg_view_release(v);
+    *rgb = t->smoothed[view] = out;
+    return SG_OK;
+}
+
 /* Hands the photo to the engine, once for the whole run or for the next losses. */
 static int hold_photo(sg_trainer *t, size_t view, bool stays)
 {
@@ -147,11 +176,42 @@ static int hold_photo(sg_trainer *t, size_t view, bool stays)
     int code = sg_photo_pixels(t->ctx, v, &rgb);
     if (code)
         return code;
-    code = (stays ? sg_engine_photo_add : sg_engine_photo_pass)(
-        t->engine, v->camera.width, v->camera.height, rgb, v->mask, &t->photos[view]);
+    if (sg_trainer_smooths(t, view))
+        code = smooth(t, view, &rgb);
+    if (!code)
+        code = (stays ? sg_engine_photo_add : sg_engine_photo_pass)(
+            t->engine, v->camera.width, v->camera.height, rgb, v->mask, &t->photos[view]);
     if (code)
-        sg_view_release(v);
+        let_go(t, view);
     return code;
+}
+
+/* Hands over the photos that stay. Where some are smoothed, the scene need not keep those under a
+ * limit on memory. */
+static int hold_photos(sg_trainer *t)
+{
+    const struct sg_scene *scene = t->scene;
+    int code = SG_OK;
+    if (t->smooths && t->budget.photos_stay && sg_mem_limit(t->ctx))
+        sg_lazy_photos_keep(scene->lazy, 0);
+    for (size_t i = 0; i < scene->n_train && !code; i++)
+        if (!t->photos[i] && (t->budget.photos_stay || !scene->train[i].lazy))
+            code = hold_photo(t, i, true);
+    return code;
+}
+
+int sg_trainer_smooth(sg_trainer *t)
+{
+    int code = SG_OK;
+    t->smooths = true;
+    t->beyond = 1;
+    t->settles_from = INT_MAX;
+    for (size_t i = 0; i < t->scene->n_train && !code; i++)
+        if (t->photos[i] && t->tolerances[i] > 0) {
+            code = sg_engine_photo_drop(t->engine, t->photos[i]);
+            let_go(t, i);
+        }
+    return code ? code : hold_photos(t);
 }
 
 /* Plans the memory and makes the engine. */
@@ -220,7 +280,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
     t->photos = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->photos));
-    if (!t->order || !t->photos) {
+    t->smoothed = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->smoothed));
+    if (!t->order || !t->photos || !t->smoothed) {
         code = SG_ERR_BUDGET;
         goto fail;
     }
@@ -228,9 +289,10 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         sg_lazy_photos_start_reader(scene->lazy);
         t->reads_ahead = true;
     }
-    for (size_t i = 0; i < scene->n_train; i++)
-        if ((t->budget.photos_stay || !scene->train[i].lazy) && (code = hold_photo(t, i, true)))
-            goto fail;
+    if (t->smooths)
+        t->settles_from = INT_MAX;
+    if ((code = hold_photos(t)))
+        goto fail;
     sg_checkpoint_close(&saved);
     *out = t;
     return SG_OK;
@@ -274,13 +336,14 @@ void sg_trainer_destroy(sg_trainer **trainer)
     if (t->reads_ahead)
         sg_lazy_photos_stop_reader(t->scene->lazy);
     sg_engine_destroy(&t->engine);
-    for (size_t i = 0; t->photos && i < t->scene->n_train; i++)
+    for (size_t i = 0; t->photos && t->smoothed && i < t->scene->n_train; i++)
         if (t->photos[i])
-            sg_view_release(&t->scene->train[i]);
+            let_go(t, i);
     sg_free(t->strategy_state);
     sg_free(t->tolerances);
     sg_free(t->exposures);
     sg_free(t->photos);
+    sg_free(t->smoothed);
     sg_free(t->order);
     sg_free(t);
     *trainer = NULL;
@@ -367,7 +430,12 @@ static int next_iteration(sg_trainer *t)
 
 float sg_trainer_tolerance(const sg_trainer *t, size_t view)
 {
-    return t->tolerances ? t->tolerances[view] : t->params.tolerance;
+    return t->smooths ? 0 : t->tolerances ? t->tolerances[view] : t->params.tolerance;
+}
+
+bool sg_trainer_smooths(const sg_trainer *t, size_t view)
+{
+    return t->smooths && t->tolerances[view] > 0;
 }
 
 /* Whether a look falls into the iterations after `before`, up to `it`. Where opacity is reset it is
@@ -435,8 +503,7 @@ static int compare(sg_trainer *t, size_t index, int it, const struct sg_loss *lo
     if (!stays) {
         const int dropped = sg_engine_photo_drop(t->engine, t->photos[index]);
         code = code ? code : dropped;
-        t->photos[index] = 0;
-        sg_view_release(&t->scene->train[index]);
+        let_go(t, index);
     }
     return code;
 }
@@ -560,7 +627,10 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
         take_values(t, &result, &step);
     }
     step.gaussians = sg_trainer_gaussians(t);
-    if (is_look(p, before, it) && (code = sg_trainer_measure_noise(t, it, &step.noise)))
+    if (is_look(p, before, it) && !t->smooths &&
+        (code = sg_trainer_measure_noise(t, it, &step.noise)))
+        return code;
+    if (step.noise.smooths && (code = sg_trainer_smooth(t)))
         return code;
     if (out)
         *out = step;

@@ -32,11 +32,13 @@ struct sg_trainer {
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
     double noise, beyond; /* of the newest look, see struct sg_noise; 0 and 1 before it */
+    bool smooths;         /* photos with a tolerance are smoothed, and have none in force */
     int settles_from; /* the last iteration before rates fall and no Gaussian comes or goes; INT_MAX
                          = all */
     int adam_steps[SG_GROUPS];
     sg_photo *photos;                      /* of the training views */
-    float *tolerances;                     /* in force, of each photo; NULL = params.tolerance */
+    uint8_t **smoothed;                    /* of those that the engine has smoothed, else NULL */
+    float *tolerances;                     /* of each photo; NULL = params.tolerance */
     float *exposures;                      /* that the engine learns, see exposure.h; or NULL */
     uint32_t photos_hash;                  /* of their pixels as this process began with them */
     double densify_seconds, prune_seconds; /* of the strategy */
@@ -86,6 +88,10 @@ double sg_trainer_seconds_not_counting(const sg_trainer *t);
 /* The tolerances of a run that has them of each view, measured anew after iteration `it`. Draws
  * other views. Where memory runs out some of them stay as they were. */
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out);
+
+/* Photos with a tolerance are smoothed from now on. After an error the trainer cannot go on. */
+int sg_trainer_smooth(sg_trainer *t);
+bool sg_trainer_smooths(const sg_trainer *t, size_t view);
 
 /* How its views are drawn, on black. */
 struct sg_render_params sg_trainer_render(const sg_trainer *t);

@@ -103,6 +103,16 @@ change=$(printf '%s\n' "$look" | sed 's/.*"level":\([0-9.]*\),"before":\([0-9.]*
 photos=$(printf '%s\n' "$look" | sed 's/.*"compared":\([0-9]*\),"photos":\([0-9]*\).*/\2 of \1/')
 says "tolerance $change grey levels, as $photos photos show"
 
+# Photos that agree too little for a tolerance are smoothed, which is said too.
+expect 0 synth -o larger --width 192 --height 144 --train-views 4 --test-views 1 --points 300 --samples 1
+expect 0 attack larger/blender -o larger-noisy --method noise --epsilon 16 -q
+expect 0 train larger-noisy -o smoothed ${short% --quiet} --init-points $points --tolerance auto --tolerance-smooth 0
+says 'are smoothed from here on'
+grep '"noise":' smoothed/log.jsonl | grep -q '"smooths":true' || fail "the log does not say so"
+tr -d ' \n' <smoothed/summary.json | grep -q '"tolerance":{"photos":0,"levels":0[.0]*,"smoothed":[1-4]' ||
+    fail "the summary does not count smoothed photos: $(cat smoothed/summary.json)"
+[ "$(grep -c '"noise":' smoothed/log.jsonl)" -eq 1 ] || fail "a second look after smoothing"
+
 # Gaussians.
 expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001
 [ "$(field few max_gaussians)" -le 500 ] || fail "more Gaussians than allowed"
