@@ -189,7 +189,7 @@ struct sg_train_params {
     /* With `tolerances`, where the first look finds a level of at least 10 grey levels, and more
      * than this share of the differences beyond the tolerances, no bound of a poison shows, and
      * photos agree too little for a tolerance to help: those with one are smoothed with
-     * SG_SMOOTH_BILATERAL from then on, and have none. 0..1, 1 = never. Default 0.33. */
+     * SG_SMOOTH_BILATERAL from then on, and have none. 0..1, 1 = never. Default 0.37. */
     float tolerance_smooth;
     /* Each photo has an affine map of colours, which is learned with the model and shows how the
      * photo was exposed. Renders are without. Default false. */
@@ -244,7 +244,7 @@ struct sg_train_params {
 #define SG_TRAIN_DEFAULTS                                                                          \
     .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,    \
     .tolerance_tv = 0.1f, .tolerance_look = -1, .tolerance_growth = 2, .tolerance_low_pass = 20,   \
-    .tolerance_smooth = 0.33f, .exposure_lr_init = 0.01f, .exposure_lr_final = 0.001f,             \
+    .tolerance_smooth = 0.37f, .exposure_lr_init = 0.01f, .exposure_lr_final = 0.001f,             \
     .position_lr_init = 1.6e-4f, .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000,     \
     .feature_lr = 0.0025f, .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f,       \
     .percent_dense = 0.01f, .densification_interval = 100, .densify_from_iter = 500,               \
