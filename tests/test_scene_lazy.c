@@ -170,10 +170,12 @@ static void test_smoothed_for_any_limit(void **state)
     static const uint64_t limits[] = {0, 64 << 20, 0, 12 << 20, 12 << 20},
                           keeps[] = {KEEP_DEFAULT, KEEP_DEFAULT, 0, 3 * BYTES, 0};
     for (int i = 0; i < 5; i++) {
+        fill_sources();
         sg_ctx *ctx = limited(limits[i]);
         struct sg_scene *lazy = make_scene(ctx, true, keeps[i]);
         struct sg_model *m = train_smoothed(ctx, lazy, 25, 12);
         same_model(m, expected);
+        assert_true(i < 2 ? reads() == VIEWS : reads() > VIEWS); /* smoothed as it was held */
         sg_model_destroy(&m);
         sg_scene_destroy(&lazy);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);

@@ -341,6 +341,19 @@ void sg_view_release(const struct sg_view *view)
     pthread_mutex_unlock(&p->all->lock);
 }
 
+void sg_photo_forget(const struct sg_view *view)
+{
+    struct sg_lazy_photo *p = view->lazy;
+    if (!p)
+        return;
+    pthread_mutex_lock(&p->all->lock);
+    if (p->rgb && !p->users && p != p->all->ahead) {
+        drop(p);
+        p->all->bytes.dropped = true;
+    }
+    pthread_mutex_unlock(&p->all->lock);
+}
+
 int sg_lazy_photo_create(sg_ctx *ctx, struct sg_lazy_photos *all, const struct sg_view_desc *d,
                          struct sg_view *view)
 {

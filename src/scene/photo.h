@@ -57,6 +57,10 @@ int sg_lazy_photo_keep(sg_ctx *ctx, struct sg_lazy_photos *all, const struct sg_
                        uint64_t read, struct sg_view *view);
 void sg_lazy_photo_destroy(struct sg_lazy_photo *photo); /* NULL-safe */
 
+/* Drops the pixels of a photo without a user, which are read again if they are needed. Does nothing
+ * where they cannot be. */
+void sg_photo_forget(const struct sg_view *view);
+
 /* sg_view_pixels for the library's own threads: it clears no error, and several may call it at
  * once. */
 int sg_photo_pixels(sg_ctx *ctx, const struct sg_view *view, const uint8_t **rgb);

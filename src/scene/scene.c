@@ -159,9 +159,12 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no images, expected at least one", path);
     if (!code)
         code = find_masks(ctx, &files->dir, params, shots);
-    for (size_t i = 0, rank = 0; i < shots->count;
-         i++) /* readers sort the shots that they do not split */
+    size_t rank = 0;
+    for (size_t i = 0; i < shots->count; i++) /* readers sort the shots that they do not split */
         shots->items[i].split = sg_split(params, shots->items[i].split, &rank);
+    /* Every N-th photo by name is a test photo. In copies of the scene one that is skipped here is
+     * missing, and others would become test photos. */
+    files->params.strict |= rank > 0;
     if (!code && params->test_halves)
         code = halve_tests(ctx, path, params, format, shots);
     return code;

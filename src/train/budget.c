@@ -78,16 +78,20 @@ static struct sg_work work_of(sg_ctx *ctx, const struct sg_train_params *p, int 
                             .height = 1};
 }
 
-/* In pixels, of the training views. */
-static size_t largest_photo(const struct sg_scene *scene)
+/* Smoothed photos (see tolerance_smooth) take the place of those that can be read again, one after
+ * the other, and are held beside the others. */
+static uint64_t smoothed_bytes(const struct sg_scene *scene, const struct sg_train_params *p)
 {
-    size_t most = 0;
-    for (size_t i = 0; i < scene->n_train; i++) {
+    uint64_t largest = 0, beside = 0;
+    for (size_t i = 0; i < scene->n_train && p->tolerances && p->tolerance_smooth < 1; i++) {
         const struct sg_camera *c = &scene->train[i].camera;
-        const size_t n = (size_t) c->width * (size_t) c->height;
-        most = n > most ? n : most;
+        const uint64_t n = sg_mem_cost(3 * (size_t) c->width * (size_t) c->height);
+        if (scene->train[i].lazy)
+            largest = n > largest ? n : largest;
+        else if (p->tolerances[i] > 0)
+            beside += n;
     }
-    return most;
+    return largest + beside;
 }
 
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
@@ -110,9 +114,8 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                                        largest_view(engine, work, scene->train, scene->n_train, 0));
     const uint64_t each = need.gaussian + PLAN_BYTES + LISTED * need.instance +
                           (work.mip ? 2 * sizeof(float) : 0); /* a second statistic, sorted */
-    const uint64_t smoothed =
-        p->tolerances && p->tolerance_smooth < 1 ? sg_mem_cost(3 * largest_photo(scene)) : 0;
-    const uint64_t fixed = (held > leaving ? held - leaving : 0) + view + smoothed + FIXED_BYTES,
+    const uint64_t fixed = (held > leaving ? held - leaving : 0) + view + FIXED_BYTES +
+                           smoothed_bytes(scene, p),
                    least = LEAST * each, expected = fixed + least_photos(&photos) + least;
     if (limit < expected)
         return sg_fail(

@@ -217,8 +217,8 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
     for (size_t i = 0; t->tolerances && out->level > 0 && i < t->scene->n_train; i++)
         if (t->tolerances[i] > 0)
             t->tolerances[i] = (float) out->level;
-    out->smooths = t->tolerances && !(t->noise > 0) && out->level >= LEAST_SMOOTHED &&
-                   !shows_bound(&f) &&
+    const bool first = t->beyond >= 1 && !(t->noise > 0);
+    out->smooths = t->tolerances && first && out->level >= LEAST_SMOOTHED && !shows_bound(&f) &&
                    f.sum.beyond > (double) t->params.tolerance_smooth * f.sum.all;
     if (out->level > 0)
         t->noise = out->level;

@@ -168,6 +168,13 @@ static int smooth(sg_trainer *t, size_t view, const uint8_t **rgb)
     return SG_OK;
 }
 
+/* Under a limit on memory smoothed pixels are in place of those of the scene, not beside them. */
+static void forget(const sg_trainer *t, size_t view)
+{
+    if (sg_mem_limit(t->ctx))
+        sg_photo_forget(&t->scene->train[view]);
+}
+
 /* Hands the photo to the engine, once for the whole run or for the next losses. */
 static int hold_photo(sg_trainer *t, size_t view, bool stays)
 {
@@ -178,25 +185,13 @@ static int hold_photo(sg_trainer *t, size_t view, bool stays)
         return code;
     if (sg_trainer_smooths(t, view))
         code = smooth(t, view, &rgb);
+    if (t->smoothed[view] && stays)
+        forget(t, view);
     if (!code)
         code = (stays ? sg_engine_photo_add : sg_engine_photo_pass)(
             t->engine, v->camera.width, v->camera.height, rgb, v->mask, &t->photos[view]);
     if (code)
         let_go(t, view);
-    return code;
-}
-
-/* Hands over the photos that stay. Where some are smoothed, the scene need not keep those under a
- * limit on memory. */
-static int hold_photos(sg_trainer *t)
-{
-    const struct sg_scene *scene = t->scene;
-    int code = SG_OK;
-    if (t->smooths && t->budget.photos_stay && sg_mem_limit(t->ctx))
-        sg_lazy_photos_keep(scene->lazy, 0);
-    for (size_t i = 0; i < scene->n_train && !code; i++)
-        if (!t->photos[i] && (t->budget.photos_stay || !scene->train[i].lazy))
-            code = hold_photo(t, i, true);
     return code;
 }
 
@@ -209,9 +204,13 @@ int sg_trainer_smooth(sg_trainer *t)
     for (size_t i = 0; i < t->scene->n_train && !code; i++)
         if (t->photos[i] && t->tolerances[i] > 0) {
             code = sg_engine_photo_drop(t->engine, t->photos[i]);
-            let_go(t, i);
+            t->photos[i] = 0;
+            if (!code)
+                code = hold_photo(t, i, true);
+            sg_view_release(&t->scene->train[i]); /* as it was held before */
+            forget(t, i);
         }
-    return code ? code : hold_photos(t);
+    return code;
 }
 
 /* Plans the memory and makes the engine. */
@@ -291,8 +290,9 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     }
     if (t->smooths)
         t->settles_from = INT_MAX;
-    if ((code = hold_photos(t)))
-        goto fail;
+    for (size_t i = 0; i < scene->n_train; i++)
+        if ((t->budget.photos_stay || !scene->train[i].lazy) && (code = hold_photo(t, i, true)))
+            goto fail;
     sg_checkpoint_close(&saved);
     *out = t;
     return SG_OK;

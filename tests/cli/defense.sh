@@ -112,6 +112,9 @@ grep '"noise":' smoothed/log.jsonl | grep -q '"smooths":true' || fail "the log d
 tr -d ' \n' <smoothed/summary.json | grep -q '"tolerance":{"photos":0,"levels":0[.0]*,"smoothed":[1-4]' ||
     fail "the summary does not count smoothed photos: $(cat smoothed/summary.json)"
 [ "$(grep -c '"noise":' smoothed/log.jsonl)" -eq 1 ] || fail "a second look after smoothing"
+expect 0 train larger-noisy -o limited $short --init-points $points --tolerance auto --tolerance-smooth 0 --max-memory 2G
+cmp smoothed/point_cloud/iteration_$end/point_cloud.ply limited/point_cloud/iteration_$end/point_cloud.ply ||
+    fail "another limit on memory, another model of smoothed photos"
 
 # Gaussians.
 expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001

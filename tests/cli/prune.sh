@@ -22,13 +22,13 @@ expect 0 prune run --ratio 0.5 --finetune 20 -o own.ply -q
 cmp lightgaussian.ply own.ply || fail "a run does not know how long it was trained"
 expect 0 train scene/blender -o smooth $short --init-points 300 --eval --smooth gaussian
 expect 0 prune smooth --finetune 5 -o smooth.ply -q
+grep -q warning err && fail "a warning about a run without defense: $(cat err)"
 expect 0 prune smooth --finetune 5 -o sharp.ply -q --smooth off
 cmp -s smooth.ply sharp.ply && fail "the run's --smooth does not count"
 expect 0 prune smooth/point_cloud/iteration_$end/point_cloud.ply --scene scene/blender --eval \
     --smooth gaussian --trained $end --finetune 5 -o asked.ply -q
 cmp smooth.ply asked.ply || fail "the run's photos are smoothed in another way"
 
-grep -q warning err && fail "a warning about a run without defense: $(cat err)"
 expect 0 train scene/blender -o defended $short --init-points 300 --eval --tolerance 8
 expect 0 prune defended --finetune 5 -o defended.ply -q; says 'warning: the run was trained with a'
 expect 0 prune defended --finetune 0 -o untrained.ply -q
