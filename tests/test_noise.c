@@ -409,8 +409,8 @@ static void photos_that_disagree_are_smoothed(void **state)
     assert_int_equal(same.view, next.view);
     assert_true(same.loss == next.loss && same.l1 == next.l1 && same.ssim == next.ssim);
     sg_trainer_destroy(&t);
+    clear_fixture(&smoothed); /* its model is of the other context */
     clear_fixture(&f);
-    clear_fixture(&smoothed);
 }
 
 /* Not where a tolerance helps: little is beyond, noise is weak, or the bound shows; nor tolerances
