@@ -62,7 +62,7 @@ static struct sg_scene *make_scene(sg_ctx *ctx, bool lazy, uint64_t keep)
     if (keep != KEEP_DEFAULT)
         sg_scene_builder_keep_photos(b, keep);
     for (int k = 0; k < VIEWS; k++) {
-        char name[8];
+        char name[12];
         snprintf(name, sizeof(name), "%d", k);
         struct sg_view_desc d = {.name = name,
                                  .camera = make_camera(SIDE, SIDE, 3 + 0.1 * k),
