@@ -105,15 +105,12 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path)
 
 /* A run knows how long its model was trained, and on which photos. */
 static void adopt_training(struct prune_config *c, const struct sg_run_params *run,
-                           const char *model, const bool *given)
+                           const char *folder, const char *model, const bool *given)
 {
-    const char *name = strstr(model, "/iteration_");
-    int iteration = 0;
+    int iteration;
     adopt_scene_options(run, "Defense", &command_prune, given, c, &c->scene);
-    for (const char *next = name; next; next = strstr(next + 1, "/iteration_"))
-        name = next;
-    if (name && sscanf(name, "/iteration_%d/", &iteration) == 1 &&
-        !options_given(&command_prune, given, P(prune.trained)))
+    if (!options_given(&command_prune, given, P(prune.trained)) &&
+        sscanf(model + strlen(folder), "/point_cloud/iteration_%d/", &iteration) == 1)
         c->prune.trained = iteration;
     const struct sg_train_params *t = &run->train;
     const bool tolerant = t->tolerance > 0 || t->tolerance == SG_TOLERANCE_AUTO;
@@ -146,7 +143,7 @@ static int run_prune(const void *config, const bool *given, const char *const *p
         code = STATUS_INPUT;
     }
     if (!code && is_run)
-        adopt_training(c, &run, path, given);
+        adopt_training(c, &run, positional[0], path, given);
     if (!code && (!c->scene_path || !c->output))
         code = missing(&command_prune, c->scene_path ? "-o OUT.ply" : "--scene SCENE");
     if (!code)

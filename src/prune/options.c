@@ -39,8 +39,7 @@ static const struct sg_option prune_options[] = {
             "Iterations of training after each round, without densification; 0 = none.", PRUNING),
     INTEGER("trained", trained, 0, 1e7,
             "Iterations that MODEL was trained for: learning rates continue from there; a run "
-            "knows its "
-            "own.",
+            "knows its own.",
             PRUNING, EXPERT),
     SG_NUMBER(SG_OPTION_U64, "seed", seed, 0, 9e15, "S", "Seed of the order of the views.", PRUNING,
               .any = true, EXPERT),

@@ -339,11 +339,11 @@ static int load_view(struct job *job, size_t i)
     sg_failures_apart(NULL);
     if (code)
         sg_view_clear(view);
-    if (broken && !job->files->params.strict)
+    if (broken && !job->files->params.strict) {
         leave_out(job, i, &failure);
-    else if (code)
-        code = sg_fail(job->ctx, code, "%s", failure.text);
-    return job->left_out[i] ? SG_OK : code;
+        return SG_OK;
+    }
+    return code ? sg_fail(job->ctx, code, "%s", failure.text) : SG_OK;
 }
 
 static void load_one(void *arg, size_t i, int thread)
