@@ -3,12 +3,12 @@ pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under
 # Labels select tests for the parts of ./check: `threads` for the thread sanitizer, `package` for what is installed, `slow`
 # for what sanitizers and other compilers need not repeat, `script` for what another compiler need not repeat, `fuzz`,
 # `memory`. A new test gets `threads`, unless it is listed here: it has one thread, or those of test_trainer (test_budget).
-set(SG_SERIAL test_alloc_failure test_budget test_checkpoint test_columns test_folder test_format test_gradients
+set(SG_SERIAL test_alloc_failure test_budget test_checkpoint test_columns test_disk_errors test_folder test_format test_gradients
     test_image test_ply test_sog)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c tests/engine/test_*.c)
 if(NOT ZLIB_FOUND)
-    message(STATUS "test_format, test_sog, test_archive: left out, zlib is missing")
-    list(FILTER SG_TESTS EXCLUDE REGEX "test_(format|sog|archive)")
+    message(STATUS "test_format, test_sog, test_archive, test_disk_errors: left out, zlib is missing")
+    list(FILTER SG_TESTS EXCLUDE REGEX "test_(format|sog|archive|disk_errors)")
 endif()
 if(NOT SG_HAVE_VULKAN)
     list(FILTER SG_TESTS EXCLUDE REGEX "test_devices|test_device_memory|test_device_parts|test_device_faults|test_flow")
@@ -34,6 +34,9 @@ function(sg_wrap program)
         target_link_options(${program} PRIVATE LINKER:--wrap=${name})
     endforeach()
 endfunction()
+if(TARGET test_disk_errors)
+    sg_wrap(test_disk_errors pread)
+endif()
 if(SG_HAVE_VULKAN)
     sg_wrap(test_devices dlopen dlsym dlclose)
     set(WRAPPED_BY_CALLS sg_vk_open sg_vk_open_device) # tests/driver_calls.h

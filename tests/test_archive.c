@@ -253,6 +253,39 @@ static void test_entries(void **state)
     free(a.bytes);
 }
 
+/* Entries that cannot be unpacked are photos that cannot be decoded. */
+static void test_skipped_entries(void **state)
+{
+    struct fixture *f = *state;
+    static const struct {
+        int at_byte;
+        uint8_t value;
+        const char *why;
+    } bad[] = {{8, 1, "found encryption"},
+               {10, 12, "found method 12"},
+               {16, 0x55, "found damaged data"},
+               {44, 99, "an entry that is not where"}};
+    put_scene(f);
+    for (size_t k = 0; k < sizeof(bad) / sizeof(*bad); k++)
+        for (int entry = 1; entry <= 3; entry += 2) { /* a photo, and its mask */
+            struct archive a = archive_scene(f, "", true);
+            struct sg_scene *scene;
+            uint8_t *e = a.directory;
+            for (int i = 0; i < entry; i++)
+                e += 46 + e[28];
+            e[bad[k].at_byte] = bad[k].value;
+            put_archive(f, &a);
+            f->warnings = 0;
+            if (sg_scene_load(f->ctx, at(f, "s.zip"), NULL, &scene))
+                fail_msg("%s", sg_last_error(f->ctx));
+            assert_int_equal(scene->n_train, 1);
+            assert_string_equal(scene->train[0].name, "b");
+            assert_non_null(strstr(f->said, "1 of 2 photos cannot be decoded"));
+            assert_non_null(strstr(f->said, bad[k].why));
+            sg_scene_destroy(&scene);
+        }
+}
+
 /* Sizes that an archive claims are checked before memory is taken. */
 static void test_bomb(void **state)
 {
@@ -370,7 +403,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         scene_test(test_same_scene), scene_test(test_limits),  scene_test(test_no_memory),
         scene_test(test_names),      scene_test(test_entries), scene_test(test_bomb),
-        scene_test(test_skipping),   scene_test(test_damage),
+        scene_test(test_skipping),   scene_test(test_damage),  scene_test(test_skipped_entries),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

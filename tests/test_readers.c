@@ -97,7 +97,7 @@ static void broken_photos(void **state)
         if (i != 1) /* Blender's files say which are test photos */
             expect_failure(f, sg_scene_params(.eval = true), SG_ERR_INPUT, "png", "found", NULL);
         put_text(f, "images/a.png", "no image either");
-        expect_failure(f, NULL, SG_ERR_INPUT, "a.png", NULL);
+        expect_failure(f, NULL, SG_ERR_INPUT, "3 of 3 photos cannot be decoded", "a.png", NULL);
 
         put_png(f, "images/a.png", 20, 10, 3, 1);
         put_png(f, "images/b.png", 20, 10, 3, 2);

@@ -282,14 +282,16 @@ static int open_place(const char *path, bool *is_archive, uint64_t *size)
     if (!*is_archive)
         return fd;
     fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-    if (fd >= 0 && !fstat(fd, &st) && S_ISREG(st.st_mode) && pread(fd, mark, 2, 0) == 2 &&
-        !memcmp(mark, "PK", 2)) {
+    if (fd < 0)
+        return fd;
+    const ssize_t got = !fstat(fd, &st) && S_ISREG(st.st_mode) ? pread(fd, mark, 2, 0) : 0;
+    if (got == 2 && !memcmp(mark, "PK", 2)) {
         *size = (uint64_t) st.st_size;
         return fd;
     }
-    if (fd >= 0)
-        close(fd);
-    errno = ENOTDIR;
+    const int why = got < 0 ? errno : ENOTDIR;
+    close(fd);
+    errno = why;
     return -1;
 }
 
@@ -343,7 +345,7 @@ static int failed(sg_ctx *ctx, const struct sg_folder *folder, const char *path)
 int sg_folder_source(sg_ctx *ctx, const struct sg_folder *folder, const char *path,
                      uint64_t max_bytes, struct sg_source *out)
 {
-    *out = (struct sg_source){0};
+    *out = (struct sg_source){.failed = true};
     if (folder->zip) {
         const struct sg_zip_entry *entry = find_entry(folder, path);
         return entry ? sg_zip_source(folder->zip, entry, path, max_bytes, out)

@@ -11,13 +11,20 @@
 int sg_source_open(sg_ctx *ctx, struct sg_source *s, const char *path, uint64_t max_bytes)
 {
     FILE *file;
-    *s = (struct sg_source){.path = path};
+    *s = (struct sg_source){.path = path, .failed = true};
     int code = sg_file_open(ctx, path, &file);
     if (!code) {
         code = sg_source_of_file(ctx, s, file, path, max_bytes);
         s->owned = true;
     }
     return code;
+}
+
+/* Of the system, by errno. */
+static int failed(struct sg_source *s)
+{
+    s->failed = true;
+    return sg_fail(s->ctx, SG_ERR_INPUT, "%s: cannot read: %s", s->path, strerror(errno));
 }
 
 static int make_window(sg_ctx *ctx, struct sg_source *s)
@@ -31,9 +38,9 @@ int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *
                       uint64_t max_bytes)
 {
     struct stat st;
-    *s = (struct sg_source){.path = path, .file = file};
+    *s = (struct sg_source){.ctx = ctx, .path = path, .file = file};
     if (fstat(fileno(file), &st))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+        return failed(s);
     s->size = (uint64_t) st.st_size;
     if (s->size > max_bytes)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, the limit is %llu", path,
@@ -44,7 +51,7 @@ int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *
 int sg_source_of_unpacker(sg_ctx *ctx, struct sg_source *s, const char *path,
                           struct sg_unpacker *unpacker, uint64_t size)
 {
-    *s = (struct sg_source){.path = path, .unpacker = unpacker, .size = size};
+    *s = (struct sg_source){.ctx = ctx, .path = path, .unpacker = unpacker, .size = size};
     return make_window(ctx, s);
 }
 
@@ -63,27 +70,32 @@ void sg_source_close(struct sg_source *s)
     *s = (struct sg_source){0};
 }
 
+static size_t unpack(struct sg_source *s, char *to, size_t n)
+{
+    const size_t got = s->unpacker->read(s->unpacker, to, n);
+    s->unpacked += got;
+    s->failed |= s->unpacker->failed;
+    return got;
+}
+
 /* Up to n bytes from the place where the window ends. 0: the end, or the file was cut in the
- * meantime, or damage. In each case the caller finds too few bytes. */
+ * meantime, or damage, or an error of the system. In each case the caller finds too few bytes. */
 static size_t read_on(struct sg_source *s, char *to, size_t n)
 {
     const uint64_t from = s->at + s->ready;
     while (s->unpacker && s->unpacked < from) { /* what was passed over */
         const uint64_t passed = from - s->unpacked;
-        const size_t got = s->unpacker->read(s->unpacker, to, passed < n ? (size_t) passed : n);
-        if (!got)
+        if (!unpack(s, to, passed < n ? (size_t) passed : n))
             return 0;
-        s->unpacked += got;
     }
-    if (s->unpacker) {
-        const size_t got = s->unpacker->read(s->unpacker, to, n);
-        s->unpacked += got;
-        return got;
-    }
+    if (s->unpacker)
+        return unpack(s, to, n);
     ssize_t got;
     do
         got = pread(fileno(s->file), to, n, (off_t) from);
     while (got < 0 && errno == EINTR);
+    if (got < 0)
+        failed(s);
     return got > 0 ? (size_t) got : 0;
 }
 

@@ -15,9 +15,11 @@ struct sg_unpacker {
     /* 1 to n bytes; 0 at the end, or after an error of the context. */
     size_t (*read)(struct sg_unpacker *unpacker, void *to, size_t n);
     void (*close)(struct sg_unpacker *unpacker);
+    bool failed; /* as below */
 };
 
 struct sg_source {
+    sg_ctx *ctx;      /* for errors of the system; NULL for memory */
     const char *path; /* for messages */
     FILE *file;       /* without this and the next, the window holds everything */
     struct sg_unpacker *unpacker;
@@ -28,9 +30,11 @@ struct sg_source {
     size_t room;        /* in it */
     const char *window; /* holds the bytes from `at` on: `ready` of them */
     size_t ready;
+    bool failed; /* the system could not open or read it: what it holds is not to blame */
 };
 
-/* path must outlive s. More than max_bytes: SG_ERR_INPUT. To be closed, after a failure too. */
+/* path must outlive s. More than max_bytes: SG_ERR_INPUT. To be closed, after a failure too. Errors
+ * of the system while it is read are recorded in the context, and then it seems to end early. */
 int sg_source_open(sg_ctx *ctx, struct sg_source *s, const char *path, uint64_t max_bytes);
 /* The same of a file that the caller has opened and closes, and of bytes in memory. */
 int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *path,

@@ -35,12 +35,18 @@ static int damaged(const struct sg_zip *z, const char *found)
                    found);
 }
 
-static bool read_at(const struct sg_zip *z, uint64_t at, void *to, size_t n)
+/* False: an error of the context; *failed: of the system, not by what the archive holds. */
+static bool read_at(const struct sg_zip *z, uint64_t at, void *to, size_t n, bool *failed)
 {
     while (n) {
         const ssize_t got = pread(z->fd, to, n, (off_t) at);
         if (got < 0 && errno == EINTR)
             continue;
+        *failed = got < 0;
+        if (got < 0)
+            sg_fail(z->ctx, SG_ERR_INPUT, "%s: cannot read: %s", z->path, strerror(errno));
+        else if (!got)
+            damaged(z, "fewer bytes than its size");
         if (got <= 0)
             return false;
         at += (uint64_t) got, n -= (size_t) got, to = (char *) to + got;
@@ -116,6 +122,7 @@ int sg_zip_open(sg_ctx *ctx, const char *path, int fd, uint64_t size, struct sg_
 {
     const size_t n = size < END_BYTES + COMMENT_MAX ? (size_t) size : END_BYTES + COMMENT_MAX;
     size_t bytes = 0;
+    bool failed;
     *out = (struct sg_zip){.ctx = ctx, .path = path, .fd = fd};
     if (size > SG_ZIP_MAX)
         return sg_fail(ctx, SG_ERR_INPUT,
@@ -124,8 +131,8 @@ int sg_zip_open(sg_ctx *ctx, const char *path, int fd, uint64_t size, struct sg_
     uint8_t *tail = sg_alloc_raw(ctx, SG_MEM_MISC, n + 1, 1);
     if (!tail)
         return SG_ERR_BUDGET;
-    int code = read_at(out, size - n, tail, n) ? find_directory(out, size, tail, n, &bytes)
-                                               : damaged(out, "fewer bytes than its size");
+    int code = read_at(out, size - n, tail, n, &failed) ? find_directory(out, size, tail, n, &bytes)
+                                                        : SG_ERR_INPUT;
     sg_free(tail);
     if (code)
         return code;
@@ -133,9 +140,8 @@ int sg_zip_open(sg_ctx *ctx, const char *path, int fd, uint64_t size, struct sg_
     out->entries = sg_alloc(ctx, SG_MEM_MISC, out->count + 1, sizeof(*out->entries));
     if (!out->names || !out->entries)
         return SG_ERR_BUDGET;
-    return read_at(out, out->directory, out->names, bytes)
-               ? list_entries(out, bytes)
-               : damaged(out, "fewer bytes than its size");
+    return read_at(out, out->directory, out->names, bytes, &failed) ? list_entries(out, bytes)
+                                                                    : SG_ERR_INPUT;
 }
 
 void sg_zip_close(struct sg_zip *z)
@@ -183,7 +189,7 @@ struct unzip {
 static bool read_piece(struct unzip *u)
 {
     const size_t n = u->packed < PIECE ? u->packed : PIECE;
-    if (!read_at(u->zip, u->at, u->in, n))
+    if (!read_at(u->zip, u->at, u->in, n, &u->unpacker.failed))
         return false;
     u->z.next_in = u->in, u->z.avail_in = (unsigned) n;
     u->at += n, u->packed -= n;
@@ -217,7 +223,8 @@ static size_t unzip_some(struct sg_unpacker *unpacker, void *to, size_t n)
     n = n < PIECE ? n : PIECE;
     if (u->failed || !n)
         return 0;
-    bool good = u->inflates ? inflate_some(u, to, n) : read_at(u->zip, u->at, to, n);
+    bool good =
+        u->inflates ? inflate_some(u, to, n) : read_at(u->zip, u->at, to, n, &u->unpacker.failed);
     if (!u->inflates)
         u->at += n;
     u->left -= n;
@@ -239,11 +246,12 @@ static void unzip_close(struct sg_unpacker *unpacker)
 }
 
 /* Where the data of an entry begin. */
-static int find_data(const struct sg_zip *z, const struct sg_zip_entry *e, uint64_t *at)
+static int find_data(const struct sg_zip *z, const struct sg_zip_entry *e, uint64_t *at,
+                     bool *failed)
 {
     uint8_t local[LOCAL_BYTES];
     if (e->at > z->directory || z->directory - e->at < LOCAL_BYTES ||
-        !read_at(z, e->at, local, LOCAL_BYTES) || memcmp(local, "PK\3\4", 4))
+        !read_at(z, e->at, local, LOCAL_BYTES, failed) || memcmp(local, "PK\3\4", 4))
         return damaged(z, "an entry that is not where the directory says");
     const uint64_t skip = LOCAL_BYTES + (uint64_t) u16(local + 26) + u16(local + 28);
     if (z->directory - e->at < skip || z->directory - e->at - skip < e->packed)
@@ -270,11 +278,11 @@ int sg_zip_source(const struct sg_zip *z, const struct sg_zip_entry *e, const ch
         return sg_fail(z->ctx, SG_ERR_INPUT,
                        "%s: zip: found %u bytes packed in %u, expected at most %d times as many",
                        path, e->size, e->packed, SG_DEFLATE_RATIO);
-    int code = find_data(z, e, &at);
+    int code = find_data(z, e, &at, &out->failed);
     struct unzip *u = code ? NULL : sg_alloc(z->ctx, SG_MEM_MISC, 1, sizeof(*u));
     if (!u)
         return code ? code : SG_ERR_BUDGET;
-    u->unpacker = (struct sg_unpacker){unzip_some, unzip_close};
+    u->unpacker = (struct sg_unpacker){.read = unzip_some, .close = unzip_close};
     u->zip = z, u->entry = e, u->path = path;
     u->at = at, u->packed = e->packed, u->left = e->size;
     u->z = sg_zlib_stream(z->ctx);

@@ -124,7 +124,8 @@ static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t si
     if (!failed)
         goto done;
 bad:
-    code = sg_fail(ctx, SG_ERR_INPUT, "%s: PNG data: %s", name, spng_strerror(failed));
+    code = sg_fail(ctx, failed == SPNG_EMEM ? SG_ERR_BUDGET : SG_ERR_INPUT, "%s: PNG data: %s",
+                   name, spng_strerror(failed));
 done:
     sg_free(wide);
     spng_ctx_free(png);
@@ -169,6 +170,16 @@ static struct outline outline_of(const uint8_t *data, size_t size)
     return o;
 }
 
+/* Lack of memory has no code of its own: the first text is libjpeg's, the second TurboJPEG's. */
+static int jpeg_failed(sg_ctx *ctx, const char *name, const char *part, tjhandle jpeg)
+{
+    const char *why = tjGetErrorStr2(jpeg);
+    const bool no_memory =
+        strstr(why, "Insufficient memory") || strstr(why, "Memory allocation failure");
+    return sg_fail(ctx, no_memory ? SG_ERR_BUDGET : SG_ERR_INPUT, "%s: JPEG %s: %s", name, part,
+                   why);
+}
+
 static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size,
                        uint64_t max_pixels, struct sg_image *out)
 {
@@ -180,7 +191,7 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG decoder", name);
     if (tjDecompressHeader3(jpeg, data, size, &width, &height, &subsampling, &space) &&
         tjGetErrorCode(jpeg) == TJERR_FATAL) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: %s", name, tjGetErrorStr2(jpeg));
+        code = jpeg_failed(ctx, name, "header", jpeg);
         goto done;
     }
     if (space < 0 || width < 1 || height < 1) { /* a file of tables only is also read as a header */
@@ -226,7 +237,7 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
             least = end + 1;
     }
     if (failed)
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG data: %s", name, tjGetErrorStr2(jpeg));
+        code = jpeg_failed(ctx, name, "data", jpeg);
 done:
     sg_free(stripped);
     sg_free(room);
@@ -257,13 +268,24 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
     void *room;
     if ((code = sg_reserve(ctx, SG_MEM_IMAGES, 4 * pixels + tables * WEBP_TABLE_BYTES, &room)))
         return code;
-    int stride = out->width * out->channels;
-    size_t bytes = (size_t) stride * (size_t) out->height;
-    const uint8_t *done = info.has_alpha
-                              ? WebPDecodeRGBAInto(data, size, out->pixels, bytes, stride)
-                              : WebPDecodeRGBInto(data, size, out->pixels, bytes, stride);
+    WebPDecoderConfig config;
+    if (!WebPInitDecoderConfig(&config)) {
+        sg_free(room);
+        return sg_fail(ctx, SG_ERR_USAGE, "libwebp: found another version than it was built for");
+    }
+    const int stride = out->width * out->channels;
+    config.output.colorspace = info.has_alpha ? MODE_RGBA : MODE_RGB;
+    config.output.is_external_memory = 1;
+    config.output.u.RGBA = (WebPRGBABuffer){
+        .rgba = out->pixels, .stride = stride, .size = (size_t) stride * (size_t) out->height};
+    const VP8StatusCode status = WebPDecode(data, size, &config);
+    WebPFreeDecBuffer(&config.output);
     sg_free(room);
-    return done ? SG_OK : sg_fail(ctx, SG_ERR_INPUT, "%s: WebP data: damaged or cut short", name);
+    if (status == VP8_STATUS_OUT_OF_MEMORY)
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the WebP decoder", name);
+    return status == VP8_STATUS_OK
+               ? SG_OK
+               : sg_fail(ctx, SG_ERR_INPUT, "%s: WebP data: damaged or cut short", name);
 }
 
 enum signature { UNKNOWN, PNG, JPEG, WEBP };

@@ -31,14 +31,28 @@ static int begin(sg_ctx *ctx, struct lines *l, struct sg_source *in)
     return sg_source_skip_mark(ctx, in);
 }
 
-/* NULL at the end, and with a code where a line holds a zero byte or the caller cancels. */
+/* The rest of a text that cannot be read must not be taken for its end. */
+static int check_end(sg_ctx *ctx, const struct sg_source *in)
+{
+    if (!sg_source_left(in))
+        return SG_OK;
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, expected %llu: cannot read on",
+                   in->path, (unsigned long long) in->at, (unsigned long long) in->size);
+}
+
+/* NULL at the end, and with a code where a line holds a zero byte, the rest cannot be read or the
+ * caller cancels. */
 static char *next_line(sg_ctx *ctx, struct lines *l)
 {
     struct sg_source *in = l->in;
     size_t kept = 0;
     bool blank = true, whole = false;
-    if (l->code || !sg_source_fill(in, 1))
+    if (l->code)
         return NULL;
+    if (!sg_source_fill(in, 1)) {
+        l->code = check_end(ctx, in);
+        return NULL;
+    }
     l->number++, l->words = 0, l->cut = false;
     for (size_t ready; !whole && (ready = sg_source_fill(in, 1));) {
         const char *end = memchr(in->window, '\n', ready);
@@ -67,6 +81,8 @@ static char *next_line(sg_ctx *ctx, struct lines *l)
         whole = end;
         sg_source_skip(in, n + whole);
     }
+    if (!whole && (l->code = check_end(ctx, in)))
+        return NULL;
     l->text[kept] = 0;
     if (kept && !l->cut && l->text[kept - 1] == '\r')
         l->text[kept - 1] = 0;

@@ -19,9 +19,9 @@ struct job {
     atomic_int code;     /* the first error of a photo; the other threads then stop */
     atomic_bool crowded; /* there was no memory to decode another photo at the same time */
     pthread_mutex_t lock;
-    bool *left_out;           /* of each photo: it cannot be decoded */
-    size_t unreadable, first; /* how many, and the first of them */
-    struct sg_failure why;    /* of the first */
+    bool *left_out;        /* of each photo: it cannot be decoded */
+    size_t first;          /* of them */
+    struct sg_failure why; /* of the first */
 };
 
 /* The reference's resolution rule, in double precision and with its roundings, then the
@@ -102,17 +102,16 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
     return SG_OK;
 }
 
-/* Opened once, in the scene's folder, and decoded from that. *broken: set if it cannot be decoded.
- */
+/* Opened once, in the scene's folder, and decoded from that. *broken: set if it cannot be decoded,
+ * which is not where the system cannot read it. */
 static int read_image(sg_ctx *ctx, const struct sg_scene_files *files, const char *path,
                       struct sg_image *out, bool *broken)
 {
     struct sg_source in;
     int code = sg_folder_source(ctx, &files->dir, path, UINT64_MAX, &in);
-    if (!code) {
+    if (!code)
         code = sg_image_read_source(ctx, &in, files->params.max_pixels, out);
-        *broken |= code == SG_ERR_INPUT;
-    }
+    *broken |= code == SG_ERR_INPUT && !in.failed;
     sg_source_close(&in);
     return code;
 }
@@ -316,7 +315,7 @@ done:
 static void leave_out(struct job *job, size_t i, const struct sg_failure *why)
 {
     pthread_mutex_lock(&job->lock);
-    if (!job->unreadable++ || i < job->first)
+    if (i < job->first)
         job->first = i, job->why = *why;
     pthread_mutex_unlock(&job->lock);
     job->left_out[i] = true;
@@ -420,12 +419,19 @@ static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params,
 
 static int say_left_out(const struct job *job, size_t n)
 {
-    if (job->unreadable == n)
-        return sg_fail(job->ctx, SG_ERR_INPUT, "%s", job->why.text);
-    if (job->unreadable)
+    size_t left_out = 0, photos = 0;
+    for (size_t i = 0; i < n; i++) {
+        const bool counts = job->files->shots.items[i].half != SG_HALF_LEFT; /* its right half */
+        photos += counts;
+        left_out += counts && job->left_out[i];
+    }
+    if (photos && left_out == photos)
+        return sg_fail(job->ctx, SG_ERR_INPUT, "%zu of %zu photos cannot be decoded; the first: %s",
+                       left_out, photos, job->why.text);
+    if (left_out)
         sg_log(job->ctx, SG_LOG_WARN,
-               "%zu of %zu photos cannot be read and are skipped; the first: %s", job->unreadable,
-               n, job->why.text);
+               "%zu of %zu photos cannot be decoded and are skipped; the first: %s", left_out,
+               photos, job->why.text);
     return SG_OK;
 }
 
@@ -439,6 +445,7 @@ int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
                       .lazy = lazy,
                       .views = views,
                       .lock = PTHREAD_MUTEX_INITIALIZER,
+                      .first = SIZE_MAX,
                       .left_out = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*job.left_out))};
     int code =
         job.left_out ? sg_parallel_stage(ctx, SG_STAGE_LOAD, n, load_one, &job) : SG_ERR_BUDGET;
