@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "commands.h"
+#include "interrupt.h"
 
 struct convert_config {
     struct sg_model_selection selection;
@@ -94,6 +95,7 @@ static int run_convert(const void *config, const bool *given, const char *const 
     const int code = open_context(&ctx, 0, c->max_memory, c->quiet);
     if (code)
         return code;
+    interrupt_catch();
     int error = sg_run_find_model(ctx, positional[0], c->iteration, path, sizeof(path));
     if (!error)
         error = sg_output_check_file(ctx, out);
@@ -105,6 +107,8 @@ static int run_convert(const void *config, const bool *given, const char *const 
     sg_model_destroy(&model);
     if (!error && kept->count == before && c->file.format != SG_MODEL_PLY) /* which keeps NaN */
         error = sg_model_check(ctx, kept, path);
+    if (!error && interrupted())
+        error = SG_ERR_INTERRUPTED;
     if (!error)
         error = sg_model_write(ctx, kept, out, &c->file);
     if (!error && !c->quiet)

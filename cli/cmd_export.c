@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include "interrupt.h"
 #include "model_views.h"
 
 struct export_config {
@@ -32,6 +33,7 @@ static int run_export(const void *config, const bool *given, const char *const *
     const char *out = positional[1];
     if (!c->view_independent)
         return missing(&command_export, "--view-independent, the only way of export so far");
+    interrupt_catch();
     int code = model_views_open(&v, positional[0], &command_export, given, c, &c->m);
     if (!code) {
         int error = sg_output_check_file(v.ctx, out);
@@ -39,6 +41,8 @@ static int run_export(const void *config, const bool *given, const char *const *
             error =
                 sg_model_bake(v.ctx, v.model, v.views, v.n, v.eval.appearances ? v.photos : NULL,
                               c->m.render.appearance, &baked);
+        if (!error && interrupted())
+            error = SG_ERR_INTERRUPTED;
         if (!error)
             error = sg_model_write(v.ctx, baked, out, NULL);
         code = report(v.ctx, error);

@@ -99,7 +99,7 @@ static void show_stage(enum sg_stage stage, uint64_t done, uint64_t total)
 /* visible: NULL = there is no terminal to show stages on, or none is wanted. */
 static int on_progress(void *visible, enum sg_stage stage, uint64_t done, uint64_t total)
 {
-    if (visible && stage <= SG_STAGE_SYNTH) /* trainings and attacks have lines of their own */
+    if (visible && stage <= SG_STAGE_WRITE) /* trainings and attacks have lines of their own */
         show_stage(stage, done, total);
     return interrupt_cancels();
 }

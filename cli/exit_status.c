@@ -14,7 +14,7 @@ const struct exit_meaning exit_meanings[] = {
     {STATUS_POISONED, "the photos look poisoned (train --audit refuse, audit --exit-code)"},
     {STATUS_SUSPICIOUS, "the photos look suspicious (audit --exit-code)"},
     {STATUS_INTERRUPTED,
-     "interrupted; train, attack and bench have saved everything, others leave no output"},
+     "interrupted; train, attack and bench have saved everything, others leave nothing unfinished"},
     {0},
 };
 

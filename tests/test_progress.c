@@ -4,6 +4,7 @@
 #include <pthread.h>
 #include <sys/stat.h>
 
+#include "splatguard/format.h"
 #include "synth_scene.h"
 
 static char folder[] = "/tmp/sg_progress_XXXXXX", colmap[64], made[64];
@@ -152,6 +153,23 @@ static int attack(sg_ctx *ctx)
     return code;
 }
 
+/* Of .sog, all or nothing. */
+static int write_sog(sg_ctx *ctx)
+{
+    char path[96];
+    struct sg_model *model;
+    snprintf(path, sizeof(path), "%s/model.sog", folder);
+    int code = sg_model_init_random(ctx, 3000, 1.3f, 1, 1, &model);
+    for (size_t i = 0; i < 3000 && !code; i++)
+        for (int k = 3; k < 12; k++)
+            *sg_model_at(model, i, SG_P_SH + k) = (float) ((i * (size_t) k * 7919) % 1000) / 1000;
+    if (!code)
+        code = sg_model_write(ctx, model, path, NULL);
+    sg_model_destroy(&model);
+    assert_true(!remove(path) == (code == SG_OK));
+    return code;
+}
+
 #ifdef __SANITIZE_THREAD__ /* nothing can race in one thread */
 #define FEWEST 3
 #else
@@ -195,6 +213,18 @@ TEST(synth, 1u << SG_STAGE_SYNTH)
 TEST(train,
      1u << SG_STAGE_INIT | 1u << SG_STAGE_TRAIN | 1u << SG_STAGE_COUNT | 1u << SG_STAGE_EVALUATE)
 TEST(train_anchors, 1u << SG_STAGE_TRAIN | 1u << SG_STAGE_COUNT | 1u << SG_STAGE_EVALUATE)
+
+static void test_write_sog(void **state)
+{
+    sg_ctx *ctx;
+    (void) state;
+    assert_int_equal(sg_ctx_create(&ctx, NULL), SG_OK);
+    const int code = write_sog(ctx);
+    sg_ctx_destroy(&ctx);
+    if (code == SG_ERR_USAGE) /* a build without zlib */
+        skip();
+    cancel_each(write_sog, 1u << SG_STAGE_WRITE);
+}
 TEST(attack, 1u << SG_STAGE_ATTACK | 1u << SG_STAGE_ASCEND | 1u << SG_STAGE_COUNT)
 
 /* A file of lines without a record is given up when the caller cancels. */
@@ -293,7 +323,7 @@ int main(void)
         cmocka_unit_test(test_audit),  cmocka_unit_test(test_synth),
         cmocka_unit_test(test_train),  cmocka_unit_test(test_train_anchors),
         cmocka_unit_test(test_attack), cmocka_unit_test(test_goes_on),
-        cmocka_unit_test(test_names),
+        cmocka_unit_test(test_names),  cmocka_unit_test(test_write_sog),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

@@ -31,14 +31,15 @@ enum sg_mem_tag {
     SG_MEM_TAGS
 };
 
-/* Loading, audits, evaluation, synthesis, trainings and attacks report progress in these stages;
- * writing and single views do not. The comments name the units of `done` and `total`. A stage can
- * be reported more than once, each time from 0. */
+/* Loading, audits, evaluation, synthesis, trainings, attacks and the writing of .sog report
+ * progress in these stages; other formats and single views do not. The comments name the units of
+ * `done` and `total`. A stage can be reported more than once, each time from 0. */
 enum sg_stage {
     SG_STAGE_LOAD,     /* sg_scene_load: photos; 0 of 1 within large text files of COLMAP */
     SG_STAGE_AUDIT,    /* sg_audit_scene: photos */
     SG_STAGE_EVALUATE, /* sg_evaluate: renders; sg_model_bake: views */
     SG_STAGE_SYNTH,    /* sg_synth_write: pictures, then groups of points */
+    SG_STAGE_WRITE,    /* sg_model_write of .sog: groups of Gaussians; 0 of 1 before a picture */
     SG_STAGE_INIT,   /* sg_model_init_points and a new trainer, also of anchors: groups of points */
     SG_STAGE_TRAIN,  /* sg_trainer_step: iterations; `done` is the number before this one */
     SG_STAGE_COUNT,  /* within an iteration of training or of an attack, and in sg_prune and

@@ -183,9 +183,10 @@ void sg_parallel_for(sg_ctx *ctx, size_t n, void (*fn)(void *, size_t, int), voi
 const char *sg_stage_name(enum sg_stage stage)
 {
     static const char *const names[SG_STAGES] = {
-        [SG_STAGE_LOAD] = "load",   [SG_STAGE_AUDIT] = "audit",   [SG_STAGE_EVALUATE] = "evaluate",
-        [SG_STAGE_SYNTH] = "synth", [SG_STAGE_INIT] = "init",     [SG_STAGE_TRAIN] = "train",
-        [SG_STAGE_COUNT] = "count", [SG_STAGE_ATTACK] = "attack", [SG_STAGE_ASCEND] = "ascend",
+        [SG_STAGE_LOAD] = "load",     [SG_STAGE_AUDIT] = "audit", [SG_STAGE_EVALUATE] = "evaluate",
+        [SG_STAGE_SYNTH] = "synth",   [SG_STAGE_WRITE] = "write", [SG_STAGE_INIT] = "init",
+        [SG_STAGE_TRAIN] = "train",   [SG_STAGE_COUNT] = "count", [SG_STAGE_ATTACK] = "attack",
+        [SG_STAGE_ASCEND] = "ascend",
     };
     return (unsigned) stage < SG_STAGES ? names[stage] : "unknown";
 }

@@ -385,15 +385,16 @@ static int make_fine(struct search *s, size_t most, float **palette, size_t *cou
     s->blocks = sg_alloc(s->ctx, SG_MEM_MISC, n_blocks, block_floats(s->v) * sizeof(float));
     if (!s->blocks)
         return SG_ERR_BUDGET;
-    sg_parallel_for(s->ctx, s->groups, fill_group, s);
+    code = sg_parallel_stage(s->ctx, SG_STAGE_WRITE, s->groups, fill_group, s);
     for (size_t g = 0; g < s->groups && !code; g++)
         code = s->group[g].code;
     if (!code && !(sums = sg_alloc_raw(s->ctx, SG_MEM_MISC, n_blocks * LANES,
                                        sizeof(*sums) * (size_t) (s->v->width + 1))))
         code = SG_ERR_BUDGET;
     for (int round = 0; round < NEAR_ROUNDS && !code; round++) {
-        sg_parallel_for(s->ctx, pieces, look_near, s);
-        move_to_means(s->v, NULL, s->n, s->labels, s->blocks, n_blocks * LANES, sums);
+        code = sg_parallel_stage(s->ctx, SG_STAGE_WRITE, pieces, look_near, s);
+        if (!code)
+            move_to_means(s->v, NULL, s->n, s->labels, s->blocks, n_blocks * LANES, sums);
     }
     if (!code)
         code = compact(s, n_blocks, sums, palette, count);
@@ -414,10 +415,10 @@ int sg_make_palette(sg_ctx *ctx, const struct sg_vectors *vectors, size_t most, 
     s.list = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*s.list));
     s.errors = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*s.errors));
     int code = s.coarse && s.list && s.errors ? make_coarse(&s) : SG_ERR_BUDGET;
-    if (!code) {
-        sg_parallel_for(ctx, (n + PIECE - 1) / PIECE, divide, &s);
+    if (!code)
+        code = sg_parallel_stage(ctx, SG_STAGE_WRITE, (n + PIECE - 1) / PIECE, divide, &s);
+    if (!code)
         code = make_fine(&s, most, palette, count);
-    }
     sg_free(s.coarse);
     sg_free(s.blocks);
     sg_free(s.list);

@@ -94,9 +94,11 @@ static int start_image(struct writer *w, int width, int height)
 
 static int finish_image(struct writer *w, const char *name, int width, int height)
 {
-    void *data;
+    void *data = NULL;
     size_t size;
-    int code = sg_image_encode_webp(w->ctx, w->rgba, width, height, &data, &size);
+    int code = sg_progress(w->ctx, SG_STAGE_WRITE, 0, 1);
+    if (!code)
+        code = sg_image_encode_webp(w->ctx, w->rgba, width, height, &data, &size);
     sg_free(w->rgba);
     w->rgba = NULL;
     if (!code)

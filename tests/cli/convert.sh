@@ -30,6 +30,16 @@ expect 2 info m.glb; says 'm.glb: found glTF, expected'
 expect 0 convert run same.ply -q
 cmp same.ply $model || fail "a model that was read and written differs"
 
+# Ctrl-C leaves no file, whole or in part.
+if [ "$formats" != "splat compressed.ply" ] && [ -z "${SG_TEST_ENGINE-}" ]; then
+    expect 0 train scene/blender -o large --init-points 200000 --iterations 1 --quiet
+    "$tool" convert large large.sog >out 2>err &
+    interrupt $! && fail "a conversion was not interrupted"
+    [ $? -eq 130 ] && grep -q 'cancelled after\|interrupted' err || fail "interrupted: $(cat err)"
+    for file in large.sog*; do [ ! -e "$file" ] || fail "Ctrl-C left $file"; done
+    rm -rf large
+fi
+
 # Selections.
 count() { expect 0 info "$1" --json; number gaussians; }
 all=$(count $model)
