@@ -1,13 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
+#include "interrupt.h"
 #include "model_views.h"
+
+#define FRAMES_MAX 10000
+
+enum { PATH_VIEWS, PATH_ELLIPSE, PATH_INTERPOLATE };
 
 struct render_config {
     struct model_options m;
     const char *output;
     bool pfm, depth, photo;
+    int path, frames;
 };
 
 static const struct sg_option render_options[] = {
@@ -22,6 +29,13 @@ static const struct sg_option render_options[] = {
     FLAG_ROW("photo", offsetof(struct render_config, photo),
              "Write NAME_photo.png too: the photo of the view, in the size of the render.",
              .group = "Output"),
+    CHOICE_ROW(
+        "path", offsetof(struct render_config, path), "views|ellipse|interpolate", "PATH",
+        "Cameras: the views; frames of a flight on an ellipse around what they show; or from "
+        "view to view.",
+        .group = "Output"),
+    NUMBER_ROW("frames", SG_OPTION_INT, offsetof(struct render_config, frames), 1, FRAMES_MAX, "N",
+               "Frames of the flight.", .group = "Output"),
     MODEL_ROWS(struct render_config),
     {0},
 };
@@ -30,7 +44,8 @@ static const struct option_part render_parts[] = MODEL_PARTS(struct render_confi
 
 static void defaults(void *config)
 {
-    *(struct render_config *) config = (struct render_config){.m = model_options_default()};
+    *(struct render_config *) config =
+        (struct render_config){.m = model_options_default(), .frames = 120};
 }
 
 /* Where alpha is too small for a depth the picture is black. */
@@ -69,7 +84,8 @@ static int render_view(const struct render_config *c, struct model_views *v,
 {
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
-    model_views_choose(v, (size_t) (view - v->views));
+    if (!c->path)
+        model_views_choose(v, (size_t) (view - v->views));
     int error = sg_render(v->renderer, &view->camera, b->rgb, b->alpha, b->depth, NULL);
     const char *ending = c->pfm ? "pfm" : "png";
     char *path = NULL, *depth_path = NULL, *photo_path = NULL;
@@ -181,6 +197,53 @@ static int refuse_others(const struct render_config *c, const struct model_views
     return code;
 }
 
+#define FRAME_NAME 32
+
+/* The frames of the flight take the place of the views. */
+struct flight {
+    struct sg_view *frames;
+    char (*names)[FRAME_NAME];
+};
+
+static int fly(const struct render_config *c, struct model_views *v, struct flight *f)
+{
+    const size_t n = (size_t) c->frames;
+    const enum sg_path_kind kind = c->path == PATH_ELLIPSE ? SG_PATH_ELLIPSE : SG_PATH_INTERPOLATE;
+    struct sg_camera *cameras = calloc(v->n, sizeof(*cameras)), *path = calloc(n, sizeof(*path));
+    f->frames = calloc(n, sizeof(*f->frames));
+    f->names = calloc(n, sizeof(*f->names));
+    int code = cameras && path && f->frames && f->names ? 0 : no_memory();
+    if (!code) {
+        for (size_t i = 0; i < v->n; i++)
+            cameras[i] = v->views[i].camera;
+        code = report(v->ctx, sg_camera_path(v->ctx, kind, cameras, v->n, n, path));
+    }
+    for (size_t i = 0; i < n && !code; i++) {
+        snprintf(f->names[i], FRAME_NAME, "frame_%04zu", i);
+        f->frames[i] = (struct sg_view){.name = f->names[i], .camera = path[i]};
+    }
+    free(cameras);
+    free(path);
+    v->views = f->frames, v->n = n;
+    return code;
+}
+
+/* Frames of a longer flight would be taken for some of this one. */
+static int refuse_longer(const struct render_config *c)
+{
+    char *path = NULL;
+    if (asprintf(&path, "%s/frame_%04d.%s", c->output, c->frames, c->pfm ? "pfm" : "png") < 0)
+        return no_memory();
+    const bool longer = !access(path, F_OK);
+    if (longer)
+        say(stderr,
+            "splatguard: %s: found a frame of a longer flight, expected at most %d frames or "
+            "another folder\n",
+            path, c->frames);
+    free(path);
+    return longer ? STATUS_INPUT : 0;
+}
+
 static int run_render(const void *config, const bool *given, const char *const *positional,
                       int count)
 {
@@ -192,6 +255,17 @@ static int run_render(const void *config, const bool *given, const char *const *
         say(stderr, "splatguard render: missing -o DIR\n");
         return STATUS_USAGE;
     }
+    interrupt_catch();
+    if (c->path && c->photo) {
+        say(stderr, "splatguard render: --photo: found --path too, whose frames have no photos\n");
+        return STATUS_USAGE;
+    }
+    if (!c->path && options_given(&command_render, given, offsetof(struct render_config, frames))) {
+        say(stderr,
+            "splatguard render: --frames: found no --path, expected ellipse or interpolate\n");
+        return STATUS_USAGE;
+    }
+    struct flight flight = {0};
     int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
     if (!code)
         code = report(v.ctx, sg_output_claim(v.ctx, c->output, "render", true,
@@ -199,6 +273,10 @@ static int run_render(const void *config, const bool *given, const char *const *
                                              &output));
     if (!code)
         code = refuse_photos(&v, c->output);
+    if (!code && c->path)
+        code = fly(c, &v, &flight);
+    if (!code && c->path)
+        code = refuse_longer(c);
     if (!code)
         code = refuse_twins(c, &v);
     if (!code)
@@ -217,15 +295,17 @@ static int run_render(const void *config, const bool *given, const char *const *
         }
         int error = b.rgb && b.bytes && (!c->depth || (b.alpha && b.depth)) ? SG_OK : SG_ERR_BUDGET;
         for (size_t i = 0; i < v.n && !error; i++)
-            error = render_view(c, &v, &v.views[i], &b);
+            error = interrupted() ? SG_ERR_INTERRUPTED : render_view(c, &v, &v.views[i], &b);
         code = error ? report(v.ctx, error) : 0;
         if (!code && !c->m.quiet)
-            say(stderr, "%zu views rendered to %s\n", v.n, c->output);
+            say(stderr, "%zu %s rendered to %s\n", v.n, c->path ? "frames" : "views", c->output);
         sg_mem_free(b.rgb);
         sg_mem_free(b.bytes);
         sg_mem_free(b.alpha);
         sg_mem_free(b.depth);
     }
+    free(flight.frames);
+    free(flight.names);
     sg_output_release(&output);
     model_views_close(&v);
     return code;
@@ -236,7 +316,8 @@ const struct command command_render = {
     .arguments = "RUN|MODEL --scene SCENE -o DIR [options]",
     .summary = "Renders the views of a scene to images.",
     .description =
-        "Renders a model from the cameras of SCENE, one image a view under the view's name.",
+        "Renders a model from the cameras of SCENE, one image a view under the view's name, or the "
+        "frames of a flight (--path), frame_0000 and on.",
     .groups = "Output|" MODEL_GROUPS,
     .options = render_options,
     .parts = render_parts,

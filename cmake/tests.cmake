@@ -4,7 +4,7 @@ pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under
 # for what sanitizers and other compilers need not repeat, `script` for what another compiler need not repeat, `fuzz`,
 # `memory`. A new test gets `threads`, unless it is listed here: it has one thread, or those of test_trainer (test_budget).
 set(SG_SERIAL test_alloc_failure test_budget test_checkpoint test_columns test_disk_errors test_folder test_format test_gradients
-    test_image test_ply test_sog)
+    test_image test_path test_ply test_sog)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c tests/engine/test_*.c)
 if(NOT ZLIB_FOUND)
     message(STATUS "test_format, test_sog, test_archive, test_disk_errors: left out, zlib is missing")

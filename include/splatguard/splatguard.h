@@ -14,6 +14,7 @@
 #include "model.h"
 #include "option.h"
 #include "output.h"
+#include "path.h"
 #include "picture.h"
 #include "prune.h"
 #include "render.h"

@@ -35,8 +35,8 @@ from ._core import (BudgetError, Cancelled, Error, InputError, InternalError, Po
 __all__ = [
     "Attack", "BudgetError", "Camera", "Cancelled", "Context", "Error", "InputError",
     "InternalError", "Model", "PoisonedError", "Render", "Renderer", "Scene", "Trainer",
-    "UsageError", "View", "attack", "audit", "audit_images", "defense_preset", "engines",
-    "evaluate", "options", "train",
+    "UsageError", "View", "attack", "audit", "audit_images", "camera_path", "defense_preset",
+    "engines", "evaluate", "options", "train",
 ]
 __version__ = _core.version()
 
@@ -508,6 +508,18 @@ def evaluate(model, scene, split="test", match_colors=False, fps=False, **params
                             match_colors, fps)
     unasked = ([] if fps else ["fps"]) + ([] if match_colors else ["corrected_psnr", "corrected_ssim"])
     return {name: value for name, value in result.items() if name not in unasked}
+
+
+def camera_path(cameras, frames=120, kind="ellipse", context=None):
+    """Cameras of a flight: once around what `cameras` look at ("ellipse"; among them where they look
+    one way), or from the first to the last through each ("interpolate"). They have the size and
+    focal lengths of the first: camera_path([v.camera for v in scene.train])."""
+    kinds = ("ellipse", "interpolate")
+    if kind not in kinds:
+        raise UsageError(f"kind: found {kind!r}, expected one of {kinds}")
+    numbers = [camera._numbers() for camera in cameras]
+    return [Camera._of(n) for n in
+            _core.camera_path(_context(context), kinds.index(kind), numbers, frames)]
 
 
 def audit(scene):

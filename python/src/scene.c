@@ -154,9 +154,8 @@ static PyObject *scene_build(PyObject *module, PyObject *args)
     return (PyObject *) h;
 }
 
-static PyObject *view_dict(const struct sg_view *v)
+static PyObject *camera_numbers(const struct sg_camera *c)
 {
-    const struct sg_camera *c = &v->camera;
     PyObject *numbers = PyList_New(0);
     const double head[6] = {c->width, c->height, c->fx, c->fy, c->cx, c->cy};
     for (int k = 0; k < 18 && numbers; k++) {
@@ -164,6 +163,12 @@ static PyObject *view_dict(const struct sg_view *v)
         PyObject *number = PyFloat_FromDouble(x);
         list_take(&numbers, number);
     }
+    return numbers;
+}
+
+static PyObject *view_dict(const struct sg_view *v)
+{
+    PyObject *numbers = camera_numbers(&v->camera);
     PyObject *name = numbers ? PyUnicode_DecodeFSDefault(v->name) : NULL,
              *file = name ? PyUnicode_DecodeFSDefault(v->file ? v->file : "") : NULL,
              *dict = file ? Py_BuildValue("{s:O,s:O,s:O,s:O,s:O}", "name", name, "file", file,
@@ -402,6 +407,34 @@ static PyObject *evaluate(PyObject *module, PyObject *args)
     return dict;
 }
 
+/* kind, a list of cameras, frames. */
+static PyObject *camera_path(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct context *c;
+    int kind;
+    PyObject *list, *result = NULL;
+    Py_ssize_t frames;
+    if (!PyArg_ParseTuple(args, "O&iO!n", to_context, &c, &kind, &PyList_Type, &list, &frames))
+        return NULL;
+    const Py_ssize_t n = PyList_Size(list), count = frames > 0 ? frames : 0;
+    struct sg_camera *cameras = PyMem_Calloc((size_t) n + 1, sizeof(*cameras)),
+                     *path = PyMem_Calloc((size_t) count + 1, sizeof(*path));
+    if (!cameras || !path)
+        PyErr_NoMemory();
+    bool good = cameras && path;
+    for (Py_ssize_t i = 0; i < n && good; i++)
+        good = camera_read(&cameras[i], PyList_GetItem(list, i));
+    if (good && CALL(c, sg_camera_path(c->ctx, (enum sg_path_kind) kind, cameras, (size_t) n,
+                                       (size_t) count, path)))
+        result = PyList_New(0);
+    for (Py_ssize_t i = 0; i < count && result; i++)
+        list_take(&result, camera_numbers(&path[i]));
+    PyMem_Free(cameras);
+    PyMem_Free(path);
+    return result;
+}
+
 PyMethodDef core_scene_methods[] = {{"scene_load", scene_load, METH_VARARGS, NULL},
                                     {"scene_build", scene_build, METH_VARARGS, NULL},
                                     {"scene_info", scene_info, METH_VARARGS, NULL},
@@ -409,4 +442,5 @@ PyMethodDef core_scene_methods[] = {{"scene_load", scene_load, METH_VARARGS, NUL
                                     {"scene_points", scene_points, METH_VARARGS, NULL},
                                     {"audit", audit, METH_VARARGS, NULL},
                                     {"evaluate", evaluate, METH_VARARGS, NULL},
+                                    {"camera_path", camera_path, METH_VARARGS, NULL},
                                     {0}};

@@ -394,6 +394,26 @@ def test_evaluate():
     assert abs(10 * math.log10(255**2 / mse) - scores["views"][0]["psnr"]) < 0.05
 
 
+def test_camera_path():
+    around = [camera(2 * math.pi * k / 12) for k in range(12)]
+    frames = sg.camera_path(around, 30)
+    assert len(frames) == 30 and frames[0].width == SIDE and frames[7].fx == SIDE
+    for f in frames:
+        R, t = np.array(f.R), np.array(f.t)
+        assert np.abs(R @ R.T - np.eye(3)).max() < 1e-9
+        assert np.abs(R @ np.zeros(3) + t - (0, 0, np.linalg.norm(t))).max() < 1e-6
+    between = sg.camera_path((c for c in around), 23, "interpolate")
+    assert np.abs(np.array(between[4].R) - np.array(around[2].R)).max() < 1e-9
+    model = model_of(50)
+    assert np.asarray(sg.Renderer(model).render(frames[3]).color).shape == (3, SIDE, SIDE)
+    for wrong, error in ((dict(kind="spiral"), "spiral"), (dict(frames=0), "0 frames"),
+                         (dict(frames=-1), "0 frames"), (dict(cameras=[]), "0 cameras")):
+        with pytest.raises(sg.UsageError, match=error):
+            sg.camera_path(**{**dict(cameras=around), **wrong})
+    with pytest.raises(sg.InputError, match="one place"):
+        sg.camera_path(around[:1])
+
+
 def test_names_of_photos_need_not_be_utf8(tmp_path):
     model = tmp_path / "sparse" / "0"
     model.mkdir(parents=True)

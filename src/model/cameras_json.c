@@ -5,6 +5,7 @@
 
 #include "core/file.h"
 #include "core/json_text.h"
+#include "scene/cameras.h"
 #include "splatguard/model.h"
 
 /* Camera to world, focal lengths for the size of the photo's file. NULL without memory. */
@@ -13,12 +14,12 @@ static json_t *camera_json(const struct sg_view *v, int id)
     const struct sg_camera *c = &v->camera;
     json_t *rotation = json_array(), *position = json_array();
     bool whole = true;
+    double centre[3];
+    sg_camera_centre(c, centre);
     for (int i = 0; i < 3; i++) {
         whole &= !json_array_append_new(rotation,
                                         json_pack("[f,f,f]", c->R[i], c->R[3 + i], c->R[6 + i]));
-        whole &= !json_array_append_new(
-            position,
-            json_real(-(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2])));
+        whole &= !json_array_append_new(position, json_real(centre[i]));
     }
     if (!whole) {
         json_decref(rotation);

@@ -9,12 +9,12 @@
 #include <xxhash.h>
 
 #include "option/option.h"
+#include "scene/cameras.h"
 #include "scene/photo.h"
 #include "scene/reader.h"
 
 #define NAME_MAX_BYTES 255
 #define FOCAL_MIN 1e-6
-#define ROTATION_ERROR 1e-3
 #define GREY 127
 #define KEPT_SHARE 4 /* lazy photos may keep a quarter of the context's memory limit */
 
@@ -162,21 +162,14 @@ static int check_side(const sg_scene_builder *b, const char *name, const char *f
 
 static int check_rotation(const sg_scene_builder *b, const char *name, const double R[9])
 {
-    double worst = 0;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            const double dot = R[i] * R[j] + R[3 + i] * R[3 + j] + R[6 + i] * R[6 + j],
-                         off = fabs(dot - (i == j));
-            worst = off <= worst ? worst : off; /* takes NaN */
-        }
-    const double det = R[0] * (R[4] * R[8] - R[5] * R[7]) - R[1] * (R[3] * R[8] - R[5] * R[6]) +
-                       R[2] * (R[3] * R[7] - R[4] * R[6]);
-    if (worst < ROTATION_ERROR && det > 0)
+    double det;
+    const double worst = sg_rotation_error(R, &det);
+    if (worst < SG_ROTATION_ERROR && det > 0)
         return SG_OK;
     return sg_fail(b->ctx, SG_ERR_USAGE,
                    "view %zu \"%s\": camera.R: found a matrix that is off a rotation by %g "
                    "(determinant %g), expected one within %g",
-                   b->count, name, worst, det, ROTATION_ERROR);
+                   b->count, name, worst, det, SG_ROTATION_ERROR);
 }
 
 static int check_camera(const sg_scene_builder *b, const char *name, const struct sg_camera *c)
@@ -329,23 +322,17 @@ int sg_scene_builder_add_points(sg_scene_builder *b, const float *xyz, const uin
 
 /* ---- the scene ---- */
 
-static void camera_center(const struct sg_camera *c, double center[3])
-{
-    for (int i = 0; i < 3; i++)
-        center[i] = -(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2]);
-}
-
 static void measure(struct sg_scene *scene)
 {
     double c[3], farthest = 0;
     for (size_t i = 0; i < scene->n_train; i++) {
-        camera_center(&scene->train[i].camera, c);
+        sg_camera_centre(&scene->train[i].camera, c);
         for (int k = 0; k < 3; k++)
             scene->center[k] += c[k] / (double) scene->n_train;
     }
     for (size_t i = 0; i < scene->n_train; i++) {
         double d2 = 0;
-        camera_center(&scene->train[i].camera, c);
+        sg_camera_centre(&scene->train[i].camera, c);
         for (int k = 0; k < 3; k++)
             d2 += (c[k] - scene->center[k]) * (c[k] - scene->center[k]);
         farthest = fmax(farthest, sqrt(d2));

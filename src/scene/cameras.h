@@ -5,6 +5,13 @@
 #include "core/context.h"
 #include "splatguard/scene.h"
 
+/* In the world. */
+static inline void sg_camera_centre(const struct sg_camera *c, double centre[3])
+{
+    for (int i = 0; i < 3; i++)
+        centre[i] = -(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2]);
+}
+
 /* The cameras of the training views, for engines. NULL without memory; sg_free. */
 static inline const struct sg_camera **sg_training_cameras(sg_ctx *ctx,
                                                            const struct sg_scene *scene)

@@ -206,6 +206,20 @@ int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
     return SG_OK;
 }
 
+double sg_rotation_error(const double m[9], double *determinant)
+{
+    double worst = 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const double dot = m[i] * m[j] + m[3 + i] * m[3 + j] + m[6 + i] * m[6 + j],
+                         off = fabs(dot - (i == j));
+            worst = off <= worst ? worst : off; /* takes NaN */
+        }
+    *determinant = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
+                   m[2] * (m[3] * m[7] - m[4] * m[6]);
+    return worst;
+}
+
 int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, double R[9],
                         double t[3])
 {
@@ -226,16 +240,10 @@ int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, doub
                (i % 3 ? -1 : 1); /* OpenGL to COLMAP axes: y and z change sign */
         squares += a[i] * a[i];
     }
-    double scale = sqrt(squares / 3), worst = 0;
+    double scale = sqrt(squares / 3), det;
     for (int i = 0; i < 9; i++)
         a[i] /= scale;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            double off = fabs(a[i] * a[j] + a[3 + i] * a[3 + j] + a[6 + i] * a[6 + j] - (i == j));
-            worst = off <= worst ? worst : off; /* takes NaN */
-        }
-    double det = a[0] * (a[4] * a[8] - a[5] * a[7]) - a[1] * (a[3] * a[8] - a[5] * a[6]) +
-                 a[2] * (a[3] * a[7] - a[4] * a[6]);
+    const double worst = sg_rotation_error(a, &det);
     if (!(scale > 1e-12) || !(worst < 1e-2) || !(det > 0))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found a pose that cannot be inverted to a camera (scale %g, "

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+# Flights through a scene: their frames, what is refused, and Ctrl-C in the middle of one.
+. "$(dirname "$0")/common.sh"
+small_scene
+expect 0 train scene/blender -o run --iterations 1 --init-points 500 --quiet
+expect 0 render run --split train -o around --path ellipse --frames 5
+says '5 frames rendered'
+[ "$(cd around && echo *.png)" = "frame_0000.png frame_0001.png frame_0002.png frame_0003.png frame_0004.png" ] ||
+    fail "frames: $(ls around)"
+expect 0 render run --split train -o between --path interpolate --frames 6 --depth -q # six views: a frame a view
+expect 0 render run --split train -o views -q
+[ "$(find between -name 'frame_000?_depth.png' | wc -l)" -eq 6 ] || fail "depths: $(ls between)"
+same=0
+for view in views/*.png; do
+    cmp -s "$view" between/frame_000$same.png && same=$((same + 1))
+done
+[ $same -ge 5 ] || fail "$same of 6 frames are the views that the flight leads through"
+
+expect 0 render run --split train -o around --path ellipse --frames 6 -q # again, and longer
+expect 2 render run --split train -o around --path ellipse --frames 3
+says 'around/frame_0003.png: found a frame of a longer flight'
+expect 1 render run -o photos --path ellipse --photo; says '--photo: found --path too'
+expect 1 render run -o photos --frames 3; says '--frames: found no --path'
+expect 1 render run -o photos --path spiral; says spiral
+expect 1 render run -o photos --path ellipse --frames 0; says frames
+[ ! -e photos ] || fail "a folder of a refused flight"
+
+"$tool" render run --split train -o long --path ellipse --frames 10000 -q 2>err &
+interrupt $! && fail "a flight was not interrupted"
+[ $? -eq 130 ] || fail "interrupted: $(cat err)"
+[ -z "$(find long -name '*.tmp*')" ] || fail "Ctrl-C left $(ls long)"
