@@ -64,7 +64,10 @@ static void missing_photos(void **state)
         assert_int_equal(f->warnings, i == 0 ? 1 : 2);
         sg_scene_destroy(&s);
         put_png(f, "images/b.png", 20, 10, 3, 3);
-        s = load(f, sg_scene_params(.strict = true));
+        f->warnings = 0;
+        s = load(f, sg_scene_params(.strict = true, .images = "images"));
+        assert_int_equal(f->warnings, i == 0 ? 0 : 2); /* --images has no effect; one place */
+        assert_true(i == 0 || strstr(f->said, "images: found \"images\", which has no effect"));
         assert_int_equal(s->n_train, 3);
         sg_scene_destroy(&s);
         for (const char *c = "abc"; *c; c++) {

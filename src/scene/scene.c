@@ -153,6 +153,11 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
         code = sg_scene_builder_set_source(builder, format, path);
     if (code)
         return code;
+    if (params->images && format != SG_FORMAT_COLMAP)
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: images: found \"%s\", which has no effect: only scenes of COLMAP have a folder "
+               "of images",
+               path, params->images);
     code = formats[format].read(ctx, &files->dir, params, shots, &points);
     sg_scene_builder_put_points(builder, &points); /* also after a failure: it frees them */
     if (!code && !shots->count)
