@@ -76,35 +76,63 @@ static void smooth_pixel(const struct filter *f, const uint8_t *rgb, const uint8
         out[c] = (uint8_t) rintf(sum[c] / weights);
 }
 
-int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask, int width,
-              int height, uint8_t *out)
+struct job {
+    struct filter filter;
+    const uint8_t *rgb, *mask;
+    int width;
+    int *columns, *rows; /* mirrored indices, from -RADIUS_MAX on */
+    uint8_t *out;
+};
+
+static void smooth_row(void *arg, size_t y, int thread)
 {
-    struct filter f = {.n = 0};
+    const struct job *j = arg;
+    (void) thread;
+    for (size_t x = 0; x < (size_t) j->width; x++) {
+        const size_t at = y * (size_t) j->width + x;
+        if (j->mask && !j->mask[at])
+            memcpy(j->out + 3 * at, j->rgb + 3 * at, 3);
+        else
+            smooth_pixel(&j->filter, j->rgb, j->mask, j->columns + x + RADIUS_MAX,
+                         j->rows + y + RADIUS_MAX, j->width, j->rgb + 3 * at, j->out + 3 * at);
+    }
+}
+
+static int smooth(sg_ctx *ctx, bool parallel, enum sg_smooth kind, const uint8_t *rgb,
+                  const uint8_t *mask, int width, int height, uint8_t *out)
+{
+    struct job j = {.rgb = rgb, .mask = mask, .width = width, .out = out};
     if (kind == SG_SMOOTH_WAVELET)
         return sg_smooth_wavelet(ctx, rgb, mask, width, height, out);
     if (kind == SG_SMOOTH_GAUSSIAN)
-        make_gaussian(&f);
+        make_gaussian(&j.filter);
     else
-        make_bilateral(&f);
-    /* Mirrored indices of columns -RADIUS_MAX to width - 1 + RADIUS_MAX, and of rows. */
+        make_bilateral(&j.filter);
     const size_t longest = (size_t) (width > height ? width : height) + 2 * RADIUS_MAX;
-    int *columns = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*columns));
-    int *rows = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*rows));
-    const int code = columns && rows ? SG_OK : SG_ERR_BUDGET;
+    j.columns = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*j.columns));
+    j.rows = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*j.rows));
+    const int code = j.columns && j.rows ? SG_OK : SG_ERR_BUDGET;
     for (int i = 0; i < width + 2 * RADIUS_MAX && !code; i++)
-        columns[i] = sg_mirror(i - RADIUS_MAX, width);
+        j.columns[i] = sg_mirror(i - RADIUS_MAX, width);
     for (int i = 0; i < height + 2 * RADIUS_MAX && !code; i++)
-        rows[i] = sg_mirror(i - RADIUS_MAX, height);
-    for (int y = 0; y < height && !code; y++)
-        for (int x = 0; x < width; x++) {
-            const size_t at = (size_t) y * (size_t) width + (size_t) x;
-            if (mask && !mask[at])
-                memcpy(out + 3 * at, rgb + 3 * at, 3);
-            else
-                smooth_pixel(&f, rgb, mask, columns + x + RADIUS_MAX, rows + y + RADIUS_MAX, width,
-                             rgb + 3 * at, out + 3 * at);
-        }
-    sg_free(columns);
-    sg_free(rows);
+        j.rows[i] = sg_mirror(i - RADIUS_MAX, height);
+    if (!code && parallel)
+        sg_parallel_for(ctx, (size_t) height, smooth_row, &j);
+    for (int y = 0; y < height && !code && !parallel; y++)
+        smooth_row(&j, (size_t) y, 0);
+    sg_free(j.columns);
+    sg_free(j.rows);
     return code;
+}
+
+int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask, int width,
+              int height, uint8_t *out)
+{
+    return smooth(ctx, false, kind, rgb, mask, width, height, out);
+}
+
+int sg_smooth_parallel(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask,
+                       int width, int height, uint8_t *out)
+{
+    return smooth(ctx, true, kind, rgb, mask, width, height, out);
 }

@@ -157,8 +157,8 @@ static int smooth(sg_trainer *t, size_t view, const uint8_t **rgb)
     const struct sg_view *v = &t->scene->train[view];
     const int w = v->camera.width, h = v->camera.height;
     uint8_t *out = sg_alloc_raw(t->ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
-    const int code =
-        out ? sg_smooth(t->ctx, SG_SMOOTH_BILATERAL, *rgb, v->mask, w, h, out) : SG_ERR_BUDGET;
+    const int code = out ? sg_smooth_parallel(t->ctx, SG_SMOOTH_BILATERAL, *rgb, v->mask, w, h, out)
+                         : SG_ERR_BUDGET;
     if (code) {
         sg_free(out);
         return code;
