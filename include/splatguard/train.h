@@ -188,8 +188,9 @@ struct sg_train_params {
     float tolerance_low_pass;
     /* With `tolerances`, where the first look finds a level of at least 10 grey levels, and more
      * than this share of the differences beyond the tolerances, no bound of a poison shows, and
-     * photos agree too little for a tolerance to help: those with one are smoothed with
-     * SG_SMOOTH_BILATERAL from then on, and have none. 0..1, 1 = never. Default 0.37. */
+     * photos agree too little for a tolerance to help: those with one are smoothed from then on,
+     * and have none. The filter is SG_SMOOTH_BILATERAL, with a standard deviation of colours of 75
+     * / 16 of the level. 0..1, 1 = never. Default 0.37. */
     float tolerance_smooth;
     /* Each photo has an affine map of colours, which is learned with the model and shows how the
      * photo was exposed. Renders are without. Default false. */

@@ -34,17 +34,16 @@ static void make_gaussian(struct filter *f)
         f->range[d] = 1;
 }
 
-/* A disc of diameter 9; both sigmas are 75. */
-static void make_bilateral(struct filter *f)
+/* A disc of diameter 9. */
+static void make_bilateral(struct filter *f, double sigma)
 {
-    const double variance = 75.0 * 75.0;
+    const double space = 2 * 75.0 * 75.0, range = 2 * sigma * sigma;
     for (int dy = -4; dy <= 4; dy++)
         for (int dx = -4; dx <= 4; dx++)
             if (dx * dx + dy * dy <= 16)
-                f->taps[f->n++] =
-                    (struct tap){dx, dy, (float) exp(-(dx * dx + dy * dy) / (2 * variance))};
+                f->taps[f->n++] = (struct tap){dx, dy, (float) exp(-(dx * dx + dy * dy) / space)};
     for (int d = 0; d < DISTANCES; d++)
-        f->range[d] = (float) exp(-d * (double) d / (2 * variance));
+        f->range[d] = (float) exp(-d * (double) d / range);
 }
 
 /* An image of one is repeated. */
@@ -98,8 +97,29 @@ static void smooth_row(void *arg, size_t y, int thread)
     }
 }
 
-static int smooth(sg_ctx *ctx, bool parallel, enum sg_smooth kind, const uint8_t *rgb,
-                  const uint8_t *mask, int width, int height, uint8_t *out)
+/* j: has its filter. */
+static int smooth(sg_ctx *ctx, struct job *j, int height, bool parallel)
+{
+    const int width = j->width;
+    const size_t longest = (size_t) (width > height ? width : height) + 2 * RADIUS_MAX;
+    j->columns = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*j->columns));
+    j->rows = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*j->rows));
+    const int code = j->columns && j->rows ? SG_OK : SG_ERR_BUDGET;
+    for (int i = 0; i < width + 2 * RADIUS_MAX && !code; i++)
+        j->columns[i] = sg_mirror(i - RADIUS_MAX, width);
+    for (int i = 0; i < height + 2 * RADIUS_MAX && !code; i++)
+        j->rows[i] = sg_mirror(i - RADIUS_MAX, height);
+    if (!code && parallel)
+        sg_parallel_for(ctx, (size_t) height, smooth_row, j);
+    for (int y = 0; y < height && !code && !parallel; y++)
+        smooth_row(j, (size_t) y, 0);
+    sg_free(j->columns);
+    sg_free(j->rows);
+    return code;
+}
+
+int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask, int width,
+              int height, uint8_t *out)
 {
     struct job j = {.rgb = rgb, .mask = mask, .width = width, .out = out};
     if (kind == SG_SMOOTH_WAVELET)
@@ -107,32 +127,14 @@ static int smooth(sg_ctx *ctx, bool parallel, enum sg_smooth kind, const uint8_t
     if (kind == SG_SMOOTH_GAUSSIAN)
         make_gaussian(&j.filter);
     else
-        make_bilateral(&j.filter);
-    const size_t longest = (size_t) (width > height ? width : height) + 2 * RADIUS_MAX;
-    j.columns = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*j.columns));
-    j.rows = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*j.rows));
-    const int code = j.columns && j.rows ? SG_OK : SG_ERR_BUDGET;
-    for (int i = 0; i < width + 2 * RADIUS_MAX && !code; i++)
-        j.columns[i] = sg_mirror(i - RADIUS_MAX, width);
-    for (int i = 0; i < height + 2 * RADIUS_MAX && !code; i++)
-        j.rows[i] = sg_mirror(i - RADIUS_MAX, height);
-    if (!code && parallel)
-        sg_parallel_for(ctx, (size_t) height, smooth_row, &j);
-    for (int y = 0; y < height && !code && !parallel; y++)
-        smooth_row(&j, (size_t) y, 0);
-    sg_free(j.columns);
-    sg_free(j.rows);
-    return code;
+        make_bilateral(&j.filter, SG_SMOOTH_SIGMA);
+    return smooth(ctx, &j, height, false);
 }
 
-int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask, int width,
-              int height, uint8_t *out)
+int sg_smooth_bilateral(sg_ctx *ctx, double sigma, const uint8_t *rgb, const uint8_t *mask,
+                        int width, int height, uint8_t *out)
 {
-    return smooth(ctx, false, kind, rgb, mask, width, height, out);
-}
-
-int sg_smooth_parallel(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask,
-                       int width, int height, uint8_t *out)
-{
-    return smooth(ctx, true, kind, rgb, mask, width, height, out);
+    struct job j = {.rgb = rgb, .mask = mask, .width = width, .out = out};
+    make_bilateral(&j.filter, sigma);
+    return smooth(ctx, &j, height, true);
 }

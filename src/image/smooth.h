@@ -13,9 +13,11 @@
  * pixels. Safe from worker threads. SG_ERR_BUDGET. */
 int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask, int width,
               int height, uint8_t *out);
-/* The same on all threads, but for the wavelet filter; on the thread that calls the library. */
-int sg_smooth_parallel(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask,
-                       int width, int height, uint8_t *out);
+/* The bilateral filter for a standard deviation of the sum of differences of the three channels, in
+ * grey levels. On all threads; call it on the thread that called the library. */
+int sg_smooth_bilateral(sg_ctx *ctx, double sigma, const uint8_t *rgb, const uint8_t *mask,
+                        int width, int height, uint8_t *out);
+#define SG_SMOOTH_SIGMA 75 /* of SG_SMOOTH_BILATERAL */
 
 /* The wavelet filter. Unused pixels count as the mean of the used ones. */
 int sg_smooth_wavelet(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,

@@ -189,7 +189,7 @@ static const struct sg_option train_options[] = {
     FLOAT("tolerance-smooth", tolerance_smooth, 0, 1,
           "With --tolerance auto: where the first look finds more than this share of what photos "
           "and renders differ in beyond the tolerance, photos agree too little for one, and are "
-          "smoothed instead, as by --smooth bilateral. 1 = never.",
+          "smoothed instead, as by --smooth bilateral, as strongly as the noise asks. 1 = never.",
           DEFENSE, EXPERT),
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; growth:X = the "

@@ -151,14 +151,18 @@ static void let_go(sg_trainer *t, size_t view)
     t->photos[view] = 0;
 }
 
+/* Of the bilateral filter: its usual 75 for the noise of a poison with epsilon 16. */
+#define SIGMA_PER_LEVEL (SG_SMOOTH_SIGMA / 16.0)
+
 /* Smoothed pixels take the place of the photo's, which is released. */
 static int smooth(sg_trainer *t, size_t view, const uint8_t **rgb)
 {
     const struct sg_view *v = &t->scene->train[view];
     const int w = v->camera.width, h = v->camera.height;
     uint8_t *out = sg_alloc_raw(t->ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
-    const int code = out ? sg_smooth_parallel(t->ctx, SG_SMOOTH_BILATERAL, *rgb, v->mask, w, h, out)
-                         : SG_ERR_BUDGET;
+    const int code =
+        out ? sg_smooth_bilateral(t->ctx, SIGMA_PER_LEVEL * t->noise, *rgb, v->mask, w, h, out)
+            : SG_ERR_BUDGET;
     if (code) {
         sg_free(out);
         return code;
