@@ -451,9 +451,9 @@ int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
         job.left_out ? sg_parallel_stage(ctx, SG_STAGE_LOAD, n, load_one, &job) : SG_ERR_BUDGET;
     if (!code)
         code = atomic_load(&job.crowded) ? load_rest(&job, n) : atomic_load(&job.code);
-    sg_free(job.left_out);
     if (!code)
         code = say_left_out(&job, n);
+    sg_free(job.left_out);
     if (!code && lazy)
         sg_lazy_photos_settle(ctx, lazy);
     return code ? code : check_scale(ctx, params, &files->shots, views);
