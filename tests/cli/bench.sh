@@ -204,11 +204,16 @@ if ! [ -w used.db ]; then # root may write it all the same
     cmp used.db copy.db || fail "a read-only database has changed"
 fi
 chmod 644 used.db
-{ echo 'begin exclusive;'; sleep 14; } | sqlite3 used.db &
-sleep 0.3
+{
+    printf '.timeout 60000\nbegin exclusive;\n'
+    n=0
+    until [ -e released ] || [ $n -gt 1500 ]; do n=$((n + 1)); sleep 0.2; done
+} | sqlite3 used.db >/dev/null 2>&1 &
+while sqlite3 used.db 'begin immediate; rollback' 2>/dev/null; do sleep 0.2; done # until it is locked
 expect 2 report used.db -o locked; says 'used.db: database is locked'
 expect 2 bench plan.json -o used.db -q; says 'used.db: database is locked'
 [ ! -e locked ] || fail "a failed report left something"
+: >released
 wait $!
 cmp used.db copy.db || fail "a locked database has changed"
 (ulimit -f 4; "$tool" bench plan.json -o full.db -q 2>err; [ $? -eq 2 ]) || fail "a full disk was not noticed"
