@@ -166,6 +166,19 @@ static void test_colmap_jpeg(void **state)
                 sg_file_exists(at(f, "out/images/sub/b.jpg")));
 }
 
+/* The copy of a model that was chosen has its cameras where they are read. */
+static void test_colmap_other_model(void **state)
+{
+    struct fixture *f = *state;
+    put_colmap(f, "1 PINHOLE 24 16 30 31 12.5 7.5\n");
+    put_text(f, "sparse/1/cameras.txt", "1 PINHOLE 24 16 40 41 12.5 7.5\n");
+    put_text(f, "sparse/1/images.txt",
+             "1 1 0 0 0 3 2 3 1 a.JPG\n5 5 -1\n2 0.6 0.8 0 0 3 2 6 1 sub/b.png\n6 6 -1\n");
+    put_text(f, "sparse/1/points3D.txt", "1 7 2 3 10 20 30 0.5 1 0\n");
+    check(f, sg_scene_params(.colmap = "sparse/1"), SG_POISON_PNG, SG_FORMAT_NERFSTUDIO);
+    check(f, sg_scene_params(), SG_POISON_PNG, SG_FORMAT_COLMAP);
+}
+
 /* Photos may have any name: their contents identify them. */
 static void test_colmap_names(void **state)
 {
@@ -381,12 +394,17 @@ static void test_naive(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        scene_test(test_blender),         scene_test(test_colmap),
-        scene_test(test_colmap_jpeg),     scene_test(test_colmap_names),
-        scene_test(test_distorted),       scene_test(test_nerfstudio),
-        scene_test(test_namesakes),       scene_test(test_rig_masks),
-        scene_test(test_places),          scene_test(test_naive),
-        scene_test(test_nerfstudio_split)};
+    const struct CMUnitTest tests[] = {scene_test(test_blender),
+                                       scene_test(test_colmap),
+                                       scene_test(test_colmap_other_model),
+                                       scene_test(test_colmap_jpeg),
+                                       scene_test(test_colmap_names),
+                                       scene_test(test_distorted),
+                                       scene_test(test_nerfstudio),
+                                       scene_test(test_namesakes),
+                                       scene_test(test_rig_masks),
+                                       scene_test(test_places),
+                                       scene_test(test_naive),
+                                       scene_test(test_nerfstudio_split)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -181,6 +181,40 @@ static void colmap_other_size_and_folder(void **state)
     sg_scene_destroy(&s);
 }
 
+/* COLMAP makes several models of photos that it cannot connect. */
+static void colmap_other_model(void **state)
+{
+    struct fixture *f = *state;
+    put_colmap(f, false);
+    put_text(f, "transforms_train.json", "{}");
+    put_text(f, "sparse/1/cameras.txt", "1 PINHOLE 20 10 60 80 10 5\n");
+    put_text(f, "sparse/1/images.txt",
+             "1 1 0 0 0 0 0 0 1 im 3.x.png\n\n2 1 0 0 0 5 0 0 1 im 5.x.png\n\n");
+    put_text(f, "sparse/1/points3D.txt", "1 7 8 9 10 20 30 0.5\n");
+    struct sg_scene *s = load(f, NULL);
+    assert_int_equal(s->n_train, 9);
+    assert_int_equal(f->warnings, 1);
+    assert_non_null(strstr(f->said, "sparse/1: found another COLMAP model"));
+    sg_scene_destroy(&s);
+    s = load(f, sg_scene_params(.colmap = "sparse/1"));
+    assert_int_equal(f->warnings, 1);
+    assert_int_equal(s->n_train, 2);
+    assert_string_equal(s->train[0].name, "im 3");
+    close_to(s->train[0].camera.fx, 60);
+    assert_int_equal(s->n_points, 1);
+    assert_true(s->points[2] == 9);
+    sg_scene_destroy(&s);
+    expect_failure(f, sg_scene_params(.colmap = "sparse/2"), SG_ERR_INPUT, f->dir,
+                   "found no COLMAP model", "in sparse/2", NULL);
+    expect_failure(f, sg_scene_params(.colmap = "../sparse/1"), SG_ERR_INPUT, f->dir,
+                   "that leads out of", NULL);
+    put_text(f, "transforms.json",
+             "{\"fl_x\":30,\"frames\":[{\"file_path\":\"images/im 3.x.png\"," POSE(1) "}]}");
+    s = load(f, sg_scene_params(.colmap = "sparse/1", .format = SG_FORMAT_NERFSTUDIO));
+    assert_non_null(strstr(f->said, "colmap: found \"sparse/1\", which has no effect"));
+    sg_scene_destroy(&s);
+}
+
 static void nerfstudio_masks(void **state)
 {
     struct fixture *f = *state;
@@ -480,6 +514,7 @@ int main(void)
         scene_test(colmap_binary),
         scene_test(colmap_text),
         scene_test(colmap_other_size_and_folder),
+        scene_test(colmap_other_model),
         scene_test(nerfstudio_masks),
         scene_test(colmap_text_without_points),
         scene_test(colmap_rig),

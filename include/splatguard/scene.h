@@ -30,6 +30,9 @@ enum sg_smooth { SG_SMOOTH_OFF, SG_SMOOTH_GAUSSIAN, SG_SMOOTH_BILATERAL, SG_SMOO
 struct sg_scene_params {
     enum sg_scene_format format; /* default SG_FORMAT_AUTO */
     const char *images;          /* image folder below the scene, COLMAP only; NULL = "images" */
+    /* Folder of the COLMAP model below the scene, for one with several, e.g. "sparse/1". With
+     * SG_FORMAT_AUTO it makes the scene one of COLMAP. NULL = "sparse/0" or "sparse". */
+    const char *colmap;
     /* The reference's -r: 1, 2, 4 and 8 divide the size; -1 = at most 1600 wide; other values, up
      * to 16384, are the target width. Default -1. */
     int resolution;
@@ -106,6 +109,7 @@ struct sg_scene {
     bool follow_links;           /* as given to sg_scene_load */
     double center[3];            /* mean of the centres of the training cameras */
     double extent;               /* 1.1 x the largest distance of such a centre from `center` */
+    bool other_model;            /* private: of COLMAP's, not the one that is read by default */
     struct sg_lazy_photos *lazy; /* private */
 };
 

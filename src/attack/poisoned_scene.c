@@ -59,11 +59,12 @@ static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folde
     return code;
 }
 
-/* The camera files of the scene do not describe photos whose distortion was undone, and a scene
- * from memory has no files. */
+/* The camera files of the scene do not describe photos whose distortion was undone, those of a
+ * model that --colmap chose would not be found in the copy, and a scene from memory has none. */
 static bool needs_transforms(const struct sg_scene *scene)
 {
-    bool any = scene->format != SG_FORMAT_BLENDER && scene->format != SG_FORMAT_COLMAP;
+    bool any = scene->other_model ||
+               (scene->format != SG_FORMAT_BLENDER && scene->format != SG_FORMAT_COLMAP);
     for (size_t i = 0; i < scene->n_train && !any; i++)
         any = scene->train[i].undistorted;
     for (size_t i = 0; i < scene->n_test && !any; i++)

@@ -50,7 +50,7 @@ int sg_scene_builder_create(sg_ctx *ctx, const struct sg_scene_params *params,
     b->params = p;
     b->keep = sg_mem_limit(ctx) ? sg_mem_limit(ctx) / KEPT_SHARE : UINT64_MAX;
     b->scene = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b->scene));
-    code = b->scene ? sg_scene_builder_set_source(b, SG_FORMAT_MEMORY, "scene from memory")
+    code = b->scene ? sg_scene_builder_set_source(b, SG_FORMAT_MEMORY, "scene from memory", false)
                     : SG_ERR_BUDGET;
     if (code) {
         sg_scene_builder_destroy(&b);
@@ -75,7 +75,8 @@ void sg_scene_builder_destroy(sg_scene_builder **builder)
     *builder = NULL;
 }
 
-int sg_scene_builder_set_source(sg_scene_builder *b, enum sg_scene_format format, const char *path)
+int sg_scene_builder_set_source(sg_scene_builder *b, enum sg_scene_format format, const char *path,
+                                bool other_model)
 {
     char *copy = sg_strdup(b->ctx, path);
     if (!copy)
@@ -83,13 +84,14 @@ int sg_scene_builder_set_source(sg_scene_builder *b, enum sg_scene_format format
     sg_free(b->scene->path);
     b->scene->path = copy;
     b->scene->format = format;
+    b->scene->other_model = other_model;
     return SG_OK;
 }
 
 int sg_scene_builder_set_name(sg_scene_builder *b, const char *name)
 {
     sg_clear_error(b->ctx);
-    return sg_scene_builder_set_source(b, SG_FORMAT_MEMORY, name);
+    return sg_scene_builder_set_source(b, SG_FORMAT_MEMORY, name, false);
 }
 
 uint64_t sg_view_hash(const struct sg_view *v)

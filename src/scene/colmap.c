@@ -127,8 +127,6 @@ int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max,
     return sg_pose_from_quaternion(ctx, q, t, where, shot->R, shot->t);
 }
 
-static const char *const folders[] = {"sparse/0", "sparse"};
-
 static bool has_part(const struct sg_folder *dir, const char *folder, const char *name)
 {
     char path[PATH_MAX]; /* a longer path could not be opened */
@@ -136,23 +134,27 @@ static bool has_part(const struct sg_folder *dir, const char *folder, const char
            sg_folder_has(dir, path);
 }
 
-/* "DIR/sparse/0" or "DIR/sparse", whichever holds a model; NULL if neither does. *text: which
- * encoding. */
+/* The path of the model in the sub-folder `name` of the scene, or NULL. *text: its encoding. */
+static char *model_in(sg_ctx *ctx, const struct sg_folder *dir, const char *name, bool *text)
+{
+    char *folder = sg_strf(ctx, "%s/%s", dir->path, name);
+    if (!folder)
+        return NULL;
+    *text = false;
+    if (has_part(dir, folder, "images.bin") && has_part(dir, folder, "cameras.bin"))
+        return folder;
+    *text = true;
+    if (has_part(dir, folder, "images.txt") && has_part(dir, folder, "cameras.txt"))
+        return folder;
+    sg_free(folder);
+    return NULL;
+}
+
+/* As model_in: the model of sparse/0, or else of sparse. */
 static char *find_model(sg_ctx *ctx, const struct sg_folder *dir, bool *text)
 {
-    for (int i = 0; i < 2; i++) {
-        char *folder = sg_strf(ctx, "%s/%s", dir->path, folders[i]);
-        if (!folder)
-            return NULL;
-        *text = false;
-        if (has_part(dir, folder, "images.bin") && has_part(dir, folder, "cameras.bin"))
-            return folder;
-        *text = true;
-        if (has_part(dir, folder, "images.txt") && has_part(dir, folder, "cameras.txt"))
-            return folder;
-        sg_free(folder);
-    }
-    return NULL;
+    char *folder = model_in(ctx, dir, "sparse/0", text);
+    return folder || sg_failed(ctx) ? folder : model_in(ctx, dir, "sparse", text);
 }
 
 bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir)
@@ -161,6 +163,21 @@ bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir)
     char *folder = find_model(ctx, dir, &text);
     sg_free(folder);
     return folder != NULL;
+}
+
+/* COLMAP numbers the models of photos that it could not connect; the first need not be the largest.
+ */
+static int warn_of_another(sg_ctx *ctx, const struct sg_folder *dir)
+{
+    bool text;
+    char *other = model_in(ctx, dir, "sparse/1", &text);
+    if (other)
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: found another COLMAP model beside sparse/0, of which nothing is used; "
+               "--colmap sparse/1 reads it",
+               other);
+    sg_free(other);
+    return sg_failed(ctx) ? SG_ERR_BUDGET : SG_OK;
 }
 
 /* Opens FOLDER/NAME; *path is set for messages and is the caller's. */
@@ -227,15 +244,17 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
     struct sg_colmap_cameras cameras = {0};
     char *cameras_path = NULL, *images_path = NULL;
     int code = SG_ERR_INPUT;
-    char *folder = find_model(ctx, dir, &text);
+    char *folder =
+        params->colmap ? model_in(ctx, dir, params->colmap, &text) : find_model(ctx, dir, &text);
     if (!folder) {
         code = sg_failed(ctx) ? SG_ERR_BUDGET : code;
         sg_fail(ctx, code,
-                "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in sparse/0 "
-                "or sparse",
-                dir->path);
+                "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in %s",
+                dir->path, params->colmap ? params->colmap : "sparse/0 or sparse");
         goto done;
     }
+    if (!params->colmap && (code = warn_of_another(ctx, dir)))
+        goto done;
     code = open_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &in);
     if (code)
         goto done;

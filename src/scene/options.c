@@ -28,6 +28,9 @@ static const struct sg_option scene_options[] = {
     SG_CHOICE("format", format, FORMATS, "FORMAT", "Layout of the scene folder.", SCENE, EXPERT),
     SG_TEXT("images", images, "DIR", "COLMAP: image folder below the scene, e.g. images_4.", SCENE,
             .letter = 'i'),
+    SG_TEXT("colmap", colmap, "DIR",
+            "COLMAP: folder of the model below the scene, where there are several, e.g. sparse/1.",
+            SCENE, EXPERT),
     SG_NUMBER(SG_OPTION_INT, "resolution", resolution, -1, SG_SIDE_MAX, "R",
               "1, 2, 4, 8 divide the size; -1 limits the width to 1600; other numbers are the "
               "target width.",

@@ -172,9 +172,10 @@ void sg_scene_builder_put_points(sg_scene_builder *builder, struct sg_points *po
 /* Photos are to be read again from these files, which the scene takes, also where this fails. */
 int sg_scene_builder_put_files(sg_scene_builder *builder, struct sg_scene_files **files,
                                struct sg_lazy_photos **lazy);
-/* Where the views come from, for messages and for the copies of the scene. */
+/* Where the views come from, for messages and for the copies of the scene. other_model: as in
+ * struct sg_scene. */
 int sg_scene_builder_set_source(sg_scene_builder *builder, enum sg_scene_format format,
-                                const char *path);
+                                const char *path, bool other_model);
 
 /* lens.c */
 

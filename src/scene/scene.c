@@ -139,6 +139,15 @@ static int halve_tests(sg_ctx *ctx, const char *path, const struct sg_scene_para
     return sg_shots_halve_tests(ctx, params, shots, path);
 }
 
+static void warn_unused(sg_ctx *ctx, const char *path, const char *option, const char *folder)
+{
+    if (folder)
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: %s: found \"%s\", which has no effect: only scenes of COLMAP have such a "
+               "folder",
+               path, option, folder);
+}
+
 /* The shots and points of the folder. */
 static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                       sg_scene_builder *builder, struct sg_scene_files *files)
@@ -147,17 +156,18 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
     enum sg_scene_format format = params->format;
     struct sg_shots *shots = &files->shots;
     int code = sg_folder_open(ctx, path, params->follow_links, &files->dir);
+    if (format == SG_FORMAT_AUTO && params->colmap)
+        format = SG_FORMAT_COLMAP;
     if (!code && format == SG_FORMAT_AUTO)
         code = recognise(ctx, &files->dir, &format);
     if (!code)
-        code = sg_scene_builder_set_source(builder, format, path);
+        code = sg_scene_builder_set_source(builder, format, path, params->colmap != NULL);
     if (code)
         return code;
-    if (params->images && format != SG_FORMAT_COLMAP)
-        sg_log(ctx, SG_LOG_WARN,
-               "%s: images: found \"%s\", which has no effect: only scenes of COLMAP have a folder "
-               "of images",
-               path, params->images);
+    if (format != SG_FORMAT_COLMAP) {
+        warn_unused(ctx, path, "images", params->images);
+        warn_unused(ctx, path, "colmap", params->colmap);
+    }
     code = formats[format].read(ctx, &files->dir, params, shots, &points);
     sg_scene_builder_put_points(builder, &points); /* also after a failure: it frees them */
     if (!code && !shots->count)
@@ -202,7 +212,7 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     }
     own->dir.fd = -1;
     own->params = *params;
-    own->params.images = own->params.masks = NULL;
+    own->params.images = own->params.colmap = own->params.masks = NULL;
     if ((code = read_files(ctx, path, params, builder, own)))
         goto done;
     n = own->shots.count;
