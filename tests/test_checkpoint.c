@@ -251,6 +251,7 @@ static void test_sealed_lies(void **state)
         {"a checkpoint of an attack", AT_KIND, 1, 4},
         {"an unknown kind", AT_KIND, 2, 4},
         {"NaN extent", AT_EXTENT, 0x7ff8000000000000u, 8},
+        {"photos smoothed without noise", AT_SECTIONS + 4, 1, 4},
         {"no sections", AT_SECTIONS, 0, 4},
         {"a section less", AT_SECTIONS, 10, 4},
         {"a section more", AT_SECTIONS, 12, 4},

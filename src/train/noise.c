@@ -13,9 +13,8 @@
 #include "schedule.h"
 #include "trainer.h"
 
-#define PHOTOS 32         /* most photos that are measured */
-#define RAISE 1.5         /* for lossy compression */
-#define LEAST_SMOOTHED 10 /* grey levels: weaker noise is not worth what smoothing costs */
+#define PHOTOS 32 /* most photos that are measured */
+#define RAISE 1.5 /* for lossy compression */
 
 /* Sums of absolute differences of photos and renders, in grey levels. */
 struct difference {
@@ -218,7 +217,7 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
         if (t->tolerances[i] > 0)
             t->tolerances[i] = (float) out->level;
     const bool first = t->beyond >= 1 && !(t->noise > 0);
-    out->smooths = t->tolerances && first && out->level >= LEAST_SMOOTHED && !shows_bound(&f) &&
+    out->smooths = t->tolerances && first && out->level >= SG_LEAST_SMOOTHED && !shows_bound(&f) &&
                    f.sum.beyond > (double) t->params.tolerance_smooth * f.sum.all;
     if (out->level > 0)
         t->noise = out->level;

@@ -89,6 +89,8 @@ double sg_trainer_seconds_not_counting(const sg_trainer *t);
  * other views. Where memory runs out some of them stay as they were. */
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out);
 
+/* Grey levels of noise from which photos are smoothed: less is not worth what smoothing costs. */
+#define SG_LEAST_SMOOTHED 10
 /* Photos with a tolerance are smoothed from now on. After an error the trainer cannot go on. */
 int sg_trainer_smooth(sg_trainer *t);
 bool sg_trainer_smooths(const sg_trainer *t, size_t view);
