@@ -172,6 +172,88 @@ static void damaged_jpeg(void **state)
                      SG_ERR_INPUT);
 }
 
+static size_t add_marker(uint8_t *out, size_t at, uint8_t marker, size_t length)
+{
+    const uint8_t bytes[] = {0xff, marker, (uint8_t) (length >> 8), (uint8_t) length};
+    memcpy(out + at, bytes, sizeof(bytes));
+    return at + 2 + length;
+}
+
+/* Markers without a length: whoever reads one behind them jumps into a comment, where a picture
+ * pretends to need less memory than the one that the decoder finds. */
+static void jpeg_markers_without_length(void **state)
+{
+    struct fixture *f = *state;
+    static const uint8_t alone[] = {0x01, 0xd0, 0xd7};
+    enum { COMMENTS = 65541 + 2 + 4000 };
+    uint8_t grey[32 * 24] = {0}, *made = calloc(COMMENTS + 16384, 1);
+    unsigned char *data = NULL;
+    unsigned long size = 0;
+    tjhandle jpeg = tjInitCompress();
+    assert_int_equal(tjCompress2(jpeg, grey, 32, 0, 24, TJPF_GRAY, &data, &size, TJSAMP_GRAY, 90,
+                                 TJFLAG_PROGRESSIVE),
+                     0);
+    assert_true(size < 16384);
+    sg_ctx *small;
+    assert_int_equal(
+        sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 2000}), SG_OK);
+    for (size_t k = 0; k < sizeof(alone); k++) {
+        struct sg_image image;
+        memcpy(made, (uint8_t[]){0xff, 0xd8, 0xff, alone[k]}, 4);
+        const size_t second = add_marker(made, 4, 0xfe, 65535); /* its marker as a length: 65534 */
+        assert_int_equal(second, 65541);
+        memcpy(made + 4 + 65534, "\xff\xfe\x00", 3); /* with the next byte, 255 long */
+        assert_int_equal(add_marker(made, second, 0xfe, 4000), COMMENTS);
+        size_t forged = 65540 + 255;
+        memcpy(made + forged + 4, "\x08\x00\x18\x00\x20\x01\x01\x11\x00", 9);
+        forged = add_marker(made, forged, 0xc0, 11);
+        memcpy(made + forged + 4, "\x01\x01\x00\x00\x3f\x00", 6);
+        forged = add_marker(made, forged, 0xda, 8);
+        memcpy(made + forged, "\xff\xd9", 2);
+        memcpy(made + COMMENTS, data + 2, size - 2);
+        assert_int_equal(sg_image_decode(small, "x", made, COMMENTS + size - 2, MAX_PIXELS, &image),
+                         SG_ERR_BUDGET);
+        sg_clear_error(small);
+        assert_int_equal(
+            sg_image_decode(f->ctx, "x", made, COMMENTS + size - 2, MAX_PIXELS, &image), SG_OK);
+        assert_int_equal(image.width, 32);
+        sg_image_clear(&image);
+    }
+    sg_ctx_destroy(&small);
+    tjFree(data);
+    tjDestroy(jpeg);
+    free(made);
+}
+
+/* A small file must not take minutes. */
+static void jpeg_of_many_scans(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t grey[64] = {0}, made[16384];
+    unsigned char *data = NULL;
+    unsigned long size = 0;
+    struct sg_image image;
+    tjhandle jpeg = tjInitCompress();
+    assert_int_equal(tjCompress2(jpeg, grey, 8, 0, 8, TJPF_GRAY, &data, &size, TJSAMP_GRAY, 90,
+                                 TJFLAG_PROGRESSIVE),
+                     0);
+    size_t scan = size;
+    while (memcmp(data + scan - 2, "\xff\xda", 2))
+        scan--;
+    scan -= 2;
+    const size_t length = size - 2 - scan;
+    assert_true(size + 64 * length < sizeof(made));
+    memcpy(made, data, size - 2);
+    for (size_t i = 0; i < 64; i++)
+        memcpy(made + size - 2 + i * length, data + scan, length);
+    memcpy(made + size - 2 + 64 * length, "\xff\xd9", 2);
+    assert_int_equal(sg_image_decode(f->ctx, "x", made, size + 64 * length, MAX_PIXELS, &image),
+                     SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "found more than 64 scans"));
+    tjFree(data);
+    tjDestroy(jpeg);
+}
+
 static void jpeg_and_webp_by_content(void **state)
 {
     struct fixture *f = *state;
@@ -435,7 +517,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         scene_test(every_kind_of_png),  scene_test(png_round_trip),
-        scene_test(float_map_refusals), scene_test(jpeg_and_webp_by_content),
+        scene_test(float_map_refusals), scene_test(jpeg_markers_without_length),
+        scene_test(jpeg_of_many_scans), scene_test(jpeg_and_webp_by_content),
         scene_test(damaged_jpeg),       scene_test(damaged_png),
         scene_test(png_chunks),         scene_test(bomb_is_refused_before_allocation),
         scene_test(flatten_truncates),  scene_test(resample_known_values),

@@ -13,6 +13,10 @@
 #define WEBP_ENCODER_BYTES 48 /* of libwebp for a pixel, measured 37, and for any image */
 #define WEBP_ENCODER_LEAST (14u << 20)
 #define WEBP_TABLE_BYTES 20000 /* five Huffman codes with the largest colour cache */
+/* Of a JPEG. Programs write about 10. Each passes over the whole picture, however few bytes it has.
+ */
+#define SCANS_MAX 64
+#define ZERO_CUTS 16 /* decodings that find where padding begins */
 
 static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t height, int channels,
                     uint64_t max_pixels, struct sg_image *out)
@@ -136,8 +140,14 @@ done:
 struct outline {
     bool whole; /* decoded by way of all coefficients, 2 bytes each: progressive, or one scan a
                    colour */
+    int scans;
     size_t end; /* of the end marker, 0 = none was found */
 };
+
+static bool is_restart(uint8_t marker)
+{
+    return (marker & 0xf8) == 0xd0;
+}
 
 static struct outline outline_of(const uint8_t *data, size_t size)
 {
@@ -149,16 +159,22 @@ static struct outline outline_of(const uint8_t *data, size_t size)
             i++;
             continue;
         }
+        if (marker == 0x01 || is_restart(marker)) { /* the decoder skips them: nothing follows */
+            i += 2;
+            continue;
+        }
         if (marker == 0xd9)
             o.end = i;
-        if (o.end || i + 4 >= size)
+        /* At 0 and another begin of a picture the decoder ends too. */
+        if (o.end || !marker || marker == 0xd8 || i + 4 >= size)
             break;
         const size_t begin = i + 2;
         i = begin + ((size_t) data[begin] << 8 | data[begin + 1]);
         if (marker == 0xda) { /* pixels follow; stuffed and restart markers are among them */
             o.whole = o.whole || data[begin + 2] < colours;
+            o.scans += o.scans <= SCANS_MAX;
             while (i + 1 < size && !(data[i] == 0xff && data[i + 1] && data[i + 1] != 0xff &&
-                                     (data[i + 1] & 0xf8) != 0xd0))
+                                     !is_restart(data[i + 1])))
                 i++;
         } else if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 &&
                    marker != 0xcc && begin + 7 < size) {
@@ -168,6 +184,12 @@ static struct outline outline_of(const uint8_t *data, size_t size)
     }
     o.whole = o.whole || !o.end;
     return o;
+}
+
+/* Pixels of a side with those that the largest blocks add to it. */
+static uint64_t in_blocks(int side)
+{
+    return ((uint64_t) side + 31) / 32 * 32;
 }
 
 /* Lack of memory has no code of its own: the first text is libjpeg's, the second TurboJPEG's. */
@@ -205,19 +227,23 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
     }
     const bool grey = space == TJCS_GRAY;
     const struct outline outline = outline_of(data, size);
+    if (outline.scans > SCANS_MAX) { /* decoding could take minutes */
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG: found more than %d scans, expected at most %d",
+                       name, SCANS_MAX, SCANS_MAX);
+        goto done;
+    }
     code = allocate(ctx, name, (uint64_t) width, (uint64_t) height, grey ? 1 : 3, max_pixels, out);
     if (!code && outline.whole)
-        code = sg_reserve(ctx, SG_MEM_IMAGES, (uint64_t) width * (uint64_t) height * (grey ? 2 : 6),
+        code = sg_reserve(ctx, SG_MEM_IMAGES, in_blocks(width) * in_blocks(height) * (grey ? 2 : 6),
                           &room);
     if (code)
         goto done;
-    /* The number of scans is limited: decoding a progressive file could otherwise take minutes. A
-     * warning of the decoder means damaged or missing pixels, with one exception. */
+    /* A warning of the decoder means damaged or missing pixels, with one exception. */
     const int format = grey ? TJPF_GRAY : TJPF_RGB;
     const int flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS | TJFLAG_STOPONWARNING;
     int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
-    /* Some cameras put zeros before the end marker. Bisection finds how many zeros belong to the
-     * pixels. */
+    /* Some cameras put zeros before the end marker. None belongs to the pixels, mostly; otherwise
+     * bisection finds how many. Scans of the whole picture are not decoded that often. */
     size_t least = outline.end, most = outline.end;
     while (least && !((const uint8_t *) data)[least - 1])
         least--;
@@ -225,8 +251,10 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         code = SG_ERR_BUDGET;
         goto done;
     }
-    while (failed && least < most && tjGetErrorCode(jpeg) == TJERR_WARNING) {
-        const size_t end = least + (most - least) / 2;
+    const int cuts = outline.whole ? 1 : ZERO_CUTS;
+    for (int cut = 0; cut < cuts && failed && least < most && tjGetErrorCode(jpeg) == TJERR_WARNING;
+         cut++) {
+        const size_t end = cut ? least + (most - least) / 2 : least;
         memcpy(stripped, data, end);
         memcpy(stripped + end, (uint8_t[]){0xff, 0xd9}, 2);
         failed =
@@ -258,15 +286,18 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
                         info.has_alpha ? 4 : 3, max_pixels, out);
     if (code)
         return code;
-    out->lossless = info.format == 2;
-    /* The decoder's own pixels, and of lossless parts (alpha is one) its tables: one set for 4 x 4
-     * pixels, each of at least 20 bits in the file. */
+    /* The decoder's own pixels. Of lossless parts (alpha is one) three small images too, each with
+     * a pixel for 4 x 4, and tables: one set for 4 x 4 pixels, each of at least 20 bits in the
+     * file. Alpha of a lossy picture is held twice. */
     const uint64_t pixels = (uint64_t) info.width * (uint64_t) info.height;
-    uint64_t tables = info.format == 2 || info.has_alpha ? (uint64_t) size * 8 / 20 : 0;
+    const bool lossless = info.format == 2;
+    const uint64_t held = lossless ? 5 : info.has_alpha ? 6 : 4;
+    out->lossless = lossless;
+    uint64_t tables = lossless || info.has_alpha ? (uint64_t) size * 8 / 20 : 0;
     tables = tables < pixels / 16 + 1 ? tables : pixels / 16 + 1;
     tables = tables < 65536 ? tables : 65536;
     void *room;
-    if ((code = sg_reserve(ctx, SG_MEM_IMAGES, 4 * pixels + tables * WEBP_TABLE_BYTES, &room)))
+    if ((code = sg_reserve(ctx, SG_MEM_IMAGES, held * pixels + tables * WEBP_TABLE_BYTES, &room)))
         return code;
     WebPDecoderConfig config;
     if (!WebPInitDecoderConfig(&config)) {
