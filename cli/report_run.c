@@ -44,14 +44,15 @@ static void take_line(struct curves *c, const json_t *line, size_t stride, size_
 
 #define LOG_BYTES (INT64_C(1) << 32) /* as runs read them */
 
-/* NULL where it is not there, too large, or no file: a pipe would be waited for. */
+/* NULL where it is not there, too large, or no file of the run's: a pipe would be waited for, and a
+ * link can lead anywhere. */
 static FILE *open_log(const char *folder)
 {
     char *path = NULL;
     struct stat st;
     const int fd = asprintf(&path, "%s/log.jsonl", folder) < 0
                        ? -1
-                       : open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+                       : open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW);
     FILE *f = fd < 0 || fstat(fd, &st) || !S_ISREG(st.st_mode) || st.st_size > LOG_BYTES
                   ? NULL
                   : fdopen(fd, "r");

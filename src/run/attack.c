@@ -228,7 +228,9 @@ static int start_decoy(struct attack_run *r)
     if (!code && r->resume && !access(saved, F_OK)) {
         sg_run_remove_temporary(state);
         sg_model_destroy(&model);
-        code = sg_attack_resume(r->ctx, r->scene, saved, &r->attack_params, &r->attack);
+        code = sg_run_check_inside(r->ctx, r->params->folder, "attack/checkpoint.bin");
+        if (!code)
+            code = sg_attack_resume(r->ctx, r->scene, saved, &r->attack_params, &r->attack);
         r->checkpoint = code ? 0 : sg_attack_iteration(r->attack);
     } else if (!code)
         code = sg_attack_create(r->ctx, r->scene, model, &r->attack_params, &r->attack);

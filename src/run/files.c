@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "core/file.h"
+#include "core/folder.h"
 #include "core/json_text.h"
 
 /* A config or summary has a few thousand bytes. Parsing needs a hundred times as many. */
@@ -18,6 +19,24 @@ bool sg_run_has(sg_ctx *ctx, const char *run, const char *name)
     const bool has = path && !access(path, F_OK);
     sg_free(path);
     return has;
+}
+
+int sg_run_check_inside(sg_ctx *ctx, const char *run, const char *name)
+{
+    struct sg_folder folder;
+    if (!sg_dir_exists(run))
+        return SG_OK;
+    int code = sg_folder_open(ctx, run, false, &folder);
+    char *path = code ? NULL : sg_strf(ctx, "%s/%s", run, name);
+    if (!code && !path)
+        code = SG_ERR_BUDGET;
+    if (!code && sg_folder_leads_out(&folder, path))
+        code =
+            sg_fail(ctx, SG_ERR_INPUT,
+                    "%s: found a link that leads out of %s, expected a file inside it", path, run);
+    sg_folder_close(&folder);
+    sg_free(path);
+    return code;
 }
 
 bool sg_run_has_files(const char *folder)
@@ -58,7 +77,9 @@ int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char 
     char *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL;
     size_t size = 0;
     *out = NULL;
-    int code = path ? sg_file_read(ctx, path, JSON_BYTES, &text, &size) : SG_ERR_BUDGET;
+    int code = path ? sg_run_check_inside(ctx, run, name) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_file_read(ctx, path, JSON_BYTES, &text, &size);
     if (!code)
         code = parse(ctx, path, what, text, size, out);
     if (!code)
@@ -74,7 +95,9 @@ int sg_run_read_large_json(sg_ctx *ctx, const char *run, const char *name, const
     char *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL;
     size_t size = 0;
     *out = NULL, *room = NULL;
-    int code = path ? sg_file_read(ctx, path, bytes, &text, &size) : SG_ERR_BUDGET;
+    int code = path ? sg_run_check_inside(ctx, run, name) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_file_read(ctx, path, bytes, &text, &size);
     if (!code)
         code = sg_json_reserve(ctx, text, size, room);
     if (!code)

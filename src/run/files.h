@@ -11,6 +11,10 @@
 /* RUN/NAME exists. */
 bool sg_run_has(sg_ctx *ctx, const char *run, const char *name);
 
+/* SG_ERR_INPUT where RUN/NAME leads out of the run, whose links can be somebody else's. That there
+ * is no run or no such file is no error: opening it reports that. */
+int sg_run_check_inside(sg_ctx *ctx, const char *run, const char *name);
+
 /* The folder holds files that are not hidden. Some systems put hidden files everywhere. */
 bool sg_run_has_files(const char *folder);
 

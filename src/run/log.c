@@ -113,7 +113,9 @@ int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_t
 {
     *log = (struct sg_run_log){
         .ctx = ctx, .path = sg_strf(ctx, "%s/%s", run, name), .fill = fill, .arg = arg};
-    int code = !log->path ? SG_ERR_BUDGET : take ? trim(ctx, log->path, take, arg) : SG_OK;
+    int code = !log->path ? SG_ERR_BUDGET : take ? sg_run_check_inside(ctx, run, name) : SG_OK;
+    if (!code && take)
+        code = trim(ctx, log->path, take, arg);
     if (!code && !(log->stream = open_to_write(log->path, take)))
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", log->path, strerror(errno));
     return code;

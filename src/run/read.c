@@ -67,7 +67,8 @@ static void read_cfg_args(sg_ctx *ctx, const char *run, struct sg_scene_params *
     char *path = sg_strf(ctx, "%s/cfg_args", run), *text = NULL;
     size_t size = 0;
     int n;
-    if (path && !sg_file_read(ctx, path, CFG_ARGS_BYTES, &text, &size)) {
+    if (path && !sg_run_check_inside(ctx, run, "cfg_args") &&
+        !sg_file_read(ctx, path, CFG_ARGS_BYTES, &text, &size)) {
         const char *resolution = strstr(text, "resolution=");
         scene->white_background = strstr(text, "white_background=True");
         scene->eval = !strstr(text, "eval=False");
@@ -156,6 +157,19 @@ static int newest(sg_ctx *ctx, const char *run)
     return best;
 }
 
+/* The model of an iteration, and the networks that may lie beside it. */
+static int check_model(sg_ctx *ctx, const char *run, int iteration)
+{
+    static const char *const names[] = {"point_cloud.ply", "networks.safetensors"};
+    int code = SG_OK;
+    for (int i = 0; i < 2 && !code; i++) {
+        char name[80];
+        snprintf(name, sizeof(name), "point_cloud/iteration_%d/%s", iteration, names[i]);
+        code = sg_run_check_inside(ctx, run, name);
+    }
+    return code;
+}
+
 int sg_run_find_model(sg_ctx *ctx, const char *path, int iteration, char *out, size_t size)
 {
     sg_clear_error(ctx);
@@ -171,6 +185,9 @@ int sg_run_find_model(sg_ctx *ctx, const char *path, int iteration, char *out, s
                            "%s: found no point_cloud/iteration_N/point_cloud.ply, expected a run "
                            "folder",
                            path);
+        const int code = check_model(ctx, path, iteration);
+        if (code)
+            return code;
         n = snprintf(out, size, "%s/point_cloud/iteration_%d/point_cloud.ply", path, iteration);
     }
     return n >= 0 && (size_t) n < size

@@ -355,6 +355,8 @@ static int restore(sg_run *r)
     int code =
         path ? sg_run_read_json(r->ctx, folder, "config.json", "config.json of a run", &config)
              : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_run_check_inside(r->ctx, folder, "checkpoint.bin");
     if (!code) {
         sg_run_remove_temporary(folder);
         r->train.seconds_before = sg_seconds() - r->begun; /* reading photos */

@@ -79,6 +79,22 @@ refused train scene/colmap -o marked $short; says marked/.splatguard
 refused train scene/colmap -o hard $short; says hard/.splatguard
 refused train scene/colmap -o other $short; says other/.splatguard
 unchanged links
+# Nor is another file read in place of the run's.
+reads() { expect 2 "$@"; says 'found a link that leads out of foreign'; }
+cp -r run foreign
+model=$(cd foreign && ls point_cloud/*/point_cloud.ply)
+for file in config.json checkpoint.bin log.jsonl "$model"; do
+    mv "foreign/$file" held/file; ln -s "$PWD/held/file" "foreign/$file"
+    case $file in
+    *.ply) reads info foreign; reads eval foreign --scene scene/colmap ;;
+    *) reads train --resume foreign --iterations 200 -q ;;
+    esac
+    rm "foreign/$file"; mv held/file "foreign/$file"
+done
+mv foreign/summary.json held/summary; ln -s "$PWD/held/summary" foreign/summary.json
+reads compare foreign run
+rm -r foreign held/summary
+
 ln -s ../notes poisoned/attack/proxy
 snapshot >before
 refused attack scene/colmap -o poisoned --force --method noise -q; says 'found a link'
