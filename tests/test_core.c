@@ -285,6 +285,8 @@ static void test_folders(void **state)
     assert_int_equal(sg_file_write(ctx, path, "", 0), SG_OK);
     snprintf(path, sizeof(path), "%s/f/under", folder);
     assert_int_equal(sg_dir_create(ctx, path), SG_ERR_INPUT);
+    sg_clear_error(ctx);
+    assert_int_equal(sg_dir_create(ctx, ""), SG_ERR_USAGE);
     sg_ctx_destroy(&ctx);
 }
 

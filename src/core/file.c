@@ -168,9 +168,11 @@ bool sg_dir_exists(const char *path)
 
 int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
 {
+    *made = 0;
+    if (!*path)
+        return sg_fail(ctx, SG_ERR_USAGE, "found an empty path, expected that of a folder");
     char *copy = sg_strdup(ctx, path);
     int code = copy ? SG_OK : SG_ERR_BUDGET, tries = 0;
-    *made = 0;
     for (char *p = copy + 1; !code;) {
         if (*p && *p != '/') {
             p++;

@@ -236,6 +236,7 @@ static int end_early(sg_run *r, int error)
     sg_clear_error(r->ctx);
     const int lost =
         done > r->saved ? sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer) : SG_OK;
+    char *loss = lost ? sg_strdup(r->ctx, sg_last_error(r->ctx)) : NULL;
     if (lost)
         sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
     sg_clear_error(r->ctx);
@@ -245,12 +246,15 @@ static int end_early(sg_run *r, int error)
     if (r->saved && error == SG_ERR_BUDGET) { /* the model is smaller than asked for, but valid */
         sg_log(r->ctx, SG_LOG_WARN, "%s", why ? why : "out of memory");
         error = lost == SG_ERR_BUDGET ? SG_OK : lost;
+        sg_free(why);
+        why = loss, loss = NULL;
     }
     if (error) {
         sg_clear_error(r->ctx);
         code = sg_fail(r->ctx, error, "%s", why ? why : "out of memory");
     }
     sg_free(why);
+    sg_free(loss);
     return code;
 }
 
