@@ -10,9 +10,11 @@
 void sg_run_apply_preset(struct sg_run_params *p, const struct sg_defense_params *preset)
 {
     struct sg_defense_params *d = &p->train.defense;
+    /* MCMC moves the Gaussians that the filter would remove. */
+    const double rho = p->train.strategy == SG_STRATEGY_MCMC ? 0 : preset->rho;
     if (d->rho_least == SG_PRESET_RHO) /* a rho of one's own comes without */
-        d->rho_least = d->rho == SG_PRESET_RHO ? sg_round_digits(preset->rho_least) : 0;
-    d->rho = d->rho == SG_PRESET_RHO ? sg_round_digits(preset->rho) : d->rho;
+        d->rho_least = d->rho == SG_PRESET_RHO && rho ? sg_round_digits(preset->rho_least) : 0;
+    d->rho = d->rho == SG_PRESET_RHO ? sg_round_digits(rho) : d->rho;
     d->lambda = d->lambda == SG_PRESET_LAMBDA ? sg_round_digits(preset->lambda) : d->lambda;
     d->frequency =
         d->frequency == SG_PRESET_FREQUENCY ? sg_round_digits(preset->frequency) : d->frequency;

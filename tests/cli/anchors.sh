@@ -39,7 +39,7 @@ expect 1 train scene/blender -o none --anchor-offsets 5; says '--anchor-offsets:
 expect 1 train scene/blender -o none --mip-kernel 0.2; says 'expected --model mip'
 expect 1 train scene/blender -o none --cap-max 90; says 'expected --strategy mcmc'
 expect 1 train scene/blender -o none --strategy mcmc --cap-max 90 --absgrad; says 'expected another strategy'
-expect 1 train scene/blender -o none --strategy mcmc --cap-max 90 --audit defend; says '--rho: found'
+expect 1 train scene/blender -o none --strategy mcmc --cap-max 90 --audit defend --rho 0.1; says '--rho: found'
 expect 1 train scene/blender -o none --model scaffold --filter-unit gaussian --audit defend; says '--rho: found'
 [ ! -e none ] || fail "a refused run left something"
 mv anchors/point_cloud/iteration_$end/networks.safetensors .
