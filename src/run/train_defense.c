@@ -107,6 +107,28 @@ static int audit(sg_run *r, struct sg_defense_params *preset)
     return code;
 }
 
+/* What the photos decided is said, as the command line may not have it. */
+static void say_defense(const sg_run *r)
+{
+    static const char *const presets[] = {"auto", "ns", "tt", "mip"};
+    const struct sg_run_params *p = &r->params;
+    const struct sg_defense_params *d = &p->train.defense;
+    size_t tolerated = 0;
+    float most = 0;
+    for (size_t i = 0; r->train.tolerances && i < r->scene->n_train; i++) {
+        tolerated += r->tolerances[i] > 0;
+        most = fmaxf(most, r->tolerances[i]);
+    }
+    if (d->on)
+        sg_log(r->ctx, SG_LOG_INFO, "defense: preset %s, rho %s%g, lambda %g", presets[p->preset],
+               d->rho < 0 ? "growth:" : "", fabs(d->rho), d->lambda);
+    else if (p->audit == SG_RUN_AUDIT_DEFEND)
+        sg_log(r->ctx, SG_LOG_INFO, "defense: none, as the photos look clean");
+    if (r->train.tolerances)
+        sg_log(r->ctx, SG_LOG_INFO, "tolerance: %zu of %zu photos, at most %.1f grey levels",
+               tolerated, r->scene->n_train, (double) most);
+}
+
 int sg_run_decide_defense(sg_run *r)
 {
     struct sg_run_params *p = &r->params;
@@ -122,5 +144,7 @@ int sg_run_decide_defense(sg_run *r)
     r->train.tolerances = p->train.tolerance == SG_TOLERANCE_AUTO ? r->tolerances : NULL;
     r->train.tolerance = fmaxf(p->train.tolerance, 0);
     r->train.white_background = p->scene.white_background;
+    if (!code && !r->resume) /* a run keeps what it has */
+        say_defense(r);
     return code;
 }

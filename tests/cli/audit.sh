@@ -38,12 +38,17 @@ says 'the photos look poisoned'
 says 'oscillate' # a reason
 grep -q '"filter_events"' warned/summary.json && fail "a warning turned the defense on"
 settled warned lambda 4.0
-expect 0 train noisy -o guarded $brief --audit defend --filter-interval 20
+expect 0 train noisy -o guarded $(once $brief | sed 's/--quiet//') --audit defend --filter-interval 20
+says 'defense: preset auto, rho 0, lambda 6'; says 'tolerance: 4 of 4 photos, at most '
 grep -q '"filter_events"' guarded/summary.json || fail "the audit did not turn the defense on"
-expect 0 train scene/blender -o trusting $brief --audit defend
+expect 0 train scene/blender -o trusting $(once $brief | sed 's/--quiet//') --audit defend
+says 'defense: none, as the photos look clean'
 grep -q '"filter_events"' trusting/summary.json && fail "the audit turned the defense on for clean photos"
 expect 0 train noisy -o trusting --resume --iterations 50 -q
 settled trusting defense '"off"' # a run keeps what it has
+expect 0 train noisy -o moving $brief --strategy mcmc --cap-max 500 --defense spectral # which has no use for the filter
+settled moving rho 0.0
+settled moving rho-least 0.0
 
 # Photo by photo: auto looks without being asked to, and clean ones have no losses.
 brief=$(once $brief --iterations 1)
