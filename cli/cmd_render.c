@@ -34,6 +34,9 @@ static const struct sg_option render_options[] = {
         "Cameras: the views; frames of a flight on an ellipse around what they show; or from "
         "view to view.",
         .group = "Output"),
+    TEXT_ROW("cameras", offsetof(struct render_config, m.cameras), "FILE",
+             "Cameras of a cameras.json, such as a run has, instead of a scene's: needs no photos.",
+             .group = MODEL_GROUP),
     NUMBER_ROW("frames", SG_OPTION_INT, offsetof(struct render_config, frames), 1, FRAMES_MAX, "N",
                "Frames of the flight.", .group = "Output"),
     MODEL_ROWS(struct render_config),
@@ -125,7 +128,7 @@ static int render_view(const struct render_config *c, struct model_views *v,
 static int refuse_photos(const struct model_views *v, const char *output)
 {
     const struct sg_scene *s = v->scene;
-    for (size_t i = 0; i < s->n_train + s->n_test; i++) {
+    for (size_t i = 0; s && i < s->n_train + s->n_test; i++) {
         const struct sg_view *view = i < s->n_train ? &s->train[i] : &s->test[i - s->n_train];
         char *real = realpath(view->path, NULL), *slash = real ? strrchr(real, '/') : NULL;
         if (slash)
@@ -260,6 +263,17 @@ static int run_render(const void *config, const bool *given, const char *const *
         say(stderr, "splatguard render: --photo: found --path too, whose frames have no photos\n");
         return STATUS_USAGE;
     }
+    if (c->m.cameras &&
+        (c->photo || c->m.scene_path ||
+         options_given(&command_render, given, offsetof(struct render_config, m.split)))) {
+        say(stderr,
+            "splatguard render: --%s: found --cameras too, which has neither photos nor "
+            "splits\n",
+            c->photo          ? "photo"
+            : c->m.scene_path ? "scene"
+                              : "split");
+        return STATUS_USAGE;
+    }
     if (!c->path && options_given(&command_render, given, offsetof(struct render_config, frames))) {
         say(stderr,
             "splatguard render: --frames: found no --path, expected ellipse or interpolate\n");
@@ -268,9 +282,12 @@ static int run_render(const void *config, const bool *given, const char *const *
     struct flight flight = {0};
     int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
     if (!code)
-        code = report(v.ctx, sg_output_claim(v.ctx, c->output, "render", true,
-                                             (const char *[]){positional[0], c->m.scene_path, NULL},
-                                             &output));
+        code = report(
+            v.ctx,
+            sg_output_claim(v.ctx, c->output, "render", true,
+                            (const char *[]){positional[0],
+                                             c->m.cameras ? c->m.cameras : c->m.scene_path, NULL},
+                            &output));
     if (!code)
         code = refuse_photos(&v, c->output);
     if (!code && c->path)

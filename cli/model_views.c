@@ -60,10 +60,10 @@ static int find_photos(struct model_views *v, const struct command *command, boo
     if (!v->photos)
         return no_memory();
     for (size_t i = 0; i < v->n; i++) {
-        v->photos[i] = sg_scene_photo(v->scene, &v->views[i]);
+        v->photos[i] = v->scene ? sg_scene_photo(v->scene, &v->views[i]) : SIZE_MAX;
         any |= v->photos[i] != SIZE_MAX;
     }
-    v->eval.appearances = learned == v->scene->n_train && !asked;
+    v->eval.appearances = v->scene && learned == v->scene->n_train && !asked;
     if (any && learned && !v->eval.appearances && !asked)
         say(stderr,
             "warning: the model has the appearances of %zu photos, the scene has %zu training "
@@ -107,7 +107,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
                                &v->run);
     if (!code)
         code = check_iteration(command, model, o->iteration);
-    if (!code && !o->scene_path) {
+    if (!code && !o->scene_path && !o->cameras) {
         say(stderr, "splatguard %s: missing --scene SCENE\n", command->name);
         code = 1;
     }
@@ -122,13 +122,17 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     int error = sg_model_read_drawable(v->ctx, path, UINT32_MAX, &v->model);
     if (!error)
         error = sg_model_check(v->ctx, v->model, path);
-    if (!error)
+    if (!error && o->cameras)
+        error = sg_cameras_read_json(v->ctx, o->cameras, &o->scene, &v->cameras, &v->n_cameras);
+    else if (!error)
         error = load_scene(v, o);
     if (!error)
         error = sg_renderer_create(v->ctx, o->engine, cpu_variant(o->cpu), v->model, &o->render,
                                    &v->renderer);
     if (error)
-        code = report(v->ctx, error);
+        return report(v->ctx, error);
+    if (o->cameras)
+        v->views = v->cameras, v->n = v->n_cameras;
     else {
         /* Scenes of Blender keep their test views apart. */
         if (o->split == 0 && v->scene->format != SG_FORMAT_BLENDER && is_run && !v->run.scene.eval)
@@ -141,11 +145,11 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
                 o->split == 0 ? "test" : "train");
             code = 2;
         }
-        const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
-        if (!code)
-            code = find_photos(v, command, options_given(command, given, appearance),
-                               o->render.appearance);
     }
+    const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
+    if (!code)
+        code = find_photos(v, command, options_given(command, given, appearance),
+                           o->render.appearance);
     return code;
 }
 
@@ -164,6 +168,7 @@ void model_views_close(struct model_views *v)
     if (v->ctx) {
         sg_model_destroy(&v->model);
         sg_scene_destroy(&v->scene);
+        sg_cameras_destroy(&v->cameras, &v->n_cameras);
     }
     sg_ctx_destroy(&v->ctx);
     sg_run_params_clear(&v->run);

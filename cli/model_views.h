@@ -7,6 +7,7 @@
 
 struct model_options {
     const char *scene_path, *engine, *cpu;
+    const char *cameras; /* NULL, or the file that takes the place of a scene: no photos */
     struct sg_scene_params scene;
     struct sg_render_params render;
     int split, threads, iteration;
@@ -62,10 +63,12 @@ void adopt_scene_options(const struct sg_run_params *run, const char *group,
 
 struct model_views {
     sg_ctx *ctx;
-    struct sg_scene *scene;
+    struct sg_scene *scene; /* NULL with cameras of a file */
     struct sg_model *model;
     sg_renderer *renderer;
     const struct sg_view *views;
+    struct sg_view *cameras; /* of a file */
+    size_t n_cameras;
     struct sg_run_params run; /* owns texts of the options */
     size_t n;
     struct sg_eval_params eval; /* for sg_evaluate */

@@ -114,8 +114,16 @@ SG_API int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, 
                                size_t n);
 SG_API void sg_points_destroy(float **xyz, uint8_t **rgb);
 
-/* cameras.json as the reference writes it: test cameras first, then train. */
+/* cameras.json as the reference writes it: test cameras first, then train. A principal point that
+ * is not the centre is written too, as cx and cy, which the reference does not have. */
 SG_API int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path);
+/* The cameras of such a file, for renders without a scene: views in the order of their names,
+ * without photos (rgb, file and path are NULL). params: resolution, downscale, centred_principal,
+ * max_pixels and max_images; NULL = the defaults. The caller owns *out, until sg_cameras_destroy.
+ * Errors: SG_ERR_INPUT, also for names that repeat or have a "/"; SG_ERR_BUDGET. */
+SG_API int sg_cameras_read_json(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
+                                struct sg_view **out, size_t *n);
+SG_API void sg_cameras_destroy(struct sg_view **views, size_t *n); /* sets both to 0 */
 
 /* SG_ERR_INPUT if there is no Gaussian, or, naming Gaussian and property, if a parameter is not
  * finite. Such a model can be inspected but not used. The message begins with `name`. */

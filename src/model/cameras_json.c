@@ -26,10 +26,18 @@ static json_t *camera_json(const struct sg_view *v, int id)
         json_decref(position);
         return NULL;
     }
-    return json_pack("{s:i,s:o,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name",
-                     sg_text_to_json(v->name), "width", v->file_width, "height", v->file_height,
-                     "position", position, "rotation", rotation, "fy",
-                     c->fy * v->file_height / c->height, "fx", c->fx * v->file_width / c->width);
+    const double sx = (double) v->file_width / c->width, sy = (double) v->file_height / c->height;
+    json_t *camera =
+        json_pack("{s:i,s:o,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name",
+                  sg_text_to_json(v->name), "width", v->file_width, "height", v->file_height,
+                  "position", position, "rotation", rotation, "fy", c->fy * sy, "fx", c->fx * sx);
+    if (camera && (c->cx != c->width / 2.0 || c->cy != c->height / 2.0) &&
+        (json_object_set_new(camera, "cx", json_real(c->cx * sx)) ||
+         json_object_set_new(camera, "cy", json_real(c->cy * sy)))) {
+        json_decref(camera);
+        return NULL;
+    }
+    return camera;
 }
 
 int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path)

@@ -155,6 +155,10 @@ int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
 int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
                  struct sg_view *view, bool *broken);
 void sg_view_clear(struct sg_view *view);
+/* The camera of a view whose shot has no photo: shot->path is for messages, the lens has its size
+ * and no distortion. */
+int sg_view_place(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shot *shot,
+                  struct sg_view *view);
 /* Of the pixels and the mask. */
 uint64_t sg_view_hash(const struct sg_view *view);
 

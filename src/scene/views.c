@@ -216,6 +216,32 @@ static int undistort_view(sg_ctx *ctx, const struct sg_shot *shot, const struct 
     return SG_OK;
 }
 
+/* Of a photo of the lens' size that becomes w x h pixels. */
+static struct sg_camera camera_of(const struct sg_scene_params *params, const struct sg_shot *shot,
+                                  const struct sg_lens *lens, int w, int h)
+{
+    const double sx = (double) w / lens->width, sy = (double) h / lens->height;
+    struct sg_camera c = {.width = w, .height = h, .fx = lens->fx * sx, .fy = lens->fy * sy};
+    c.cx = params->centred_principal ? w / 2.0 : lens->cx * sx;
+    c.cy = params->centred_principal ? h / 2.0 : lens->cy * sy;
+    memcpy(c.R, shot->R, sizeof(shot->R));
+    memcpy(c.t, shot->t, sizeof(shot->t));
+    return c;
+}
+
+int sg_view_place(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shot *shot,
+                  struct sg_view *view)
+{
+    const int width = shot->lens.width, height = shot->lens.height;
+    struct sg_lens lens;
+    int w = 0, h = 0, code = target_size(ctx, params, shot->path, width, height, &w, &h);
+    if (!code)
+        code = fit_lens(ctx, shot, width, height, &lens);
+    if (!code)
+        view->camera = camera_of(params, shot, &lens, w, h);
+    return code;
+}
+
 static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view, int w, int h)
 {
     uint8_t *smoothed = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
@@ -297,13 +323,7 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
     if (params->smooth && shot->split != SG_SPLIT_TEST &&
         (code = smooth(ctx, params->smooth, view, w, h)))
         goto done;
-    double sx = (double) w / width, sy = (double) h / height;
-    view->camera =
-        (struct sg_camera){.width = w, .height = h, .fx = lens.fx * sx, .fy = lens.fy * sy};
-    view->camera.cx = params->centred_principal ? w / 2.0 : lens.cx * sx;
-    view->camera.cy = params->centred_principal ? h / 2.0 : lens.cy * sy;
-    memcpy(view->camera.R, shot->R, sizeof(shot->R));
-    memcpy(view->camera.t, shot->t, sizeof(shot->t));
+    view->camera = camera_of(params, shot, &lens, w, h);
     view->hash = sg_view_hash(view);
 done:
     sg_image_clear(&image);

@@ -25,6 +25,21 @@ expect 1 render run -o photos --path spiral; says spiral
 expect 1 render run -o photos --path ellipse --frames 0; says frames
 [ ! -e photos ] || fail "a folder of a refused flight"
 
+# Without the scene and its photos: the cameras that the run has kept.
+mv scene moved
+expect 0 render run --cameras run/cameras.json -o kept -q
+for view in views/*.png; do
+    cmp "$view" "kept/$(basename "$view")" || fail "a camera of cameras.json draws another picture"
+done
+expect 0 render run --cameras run/cameras.json -o turned --path ellipse --frames 2 -q
+expect 1 render run --cameras run/cameras.json -o none --photo; says '--photo: found --cameras too'
+expect 1 render run --cameras run/cameras.json -o none --split test; says '--split: found --cameras too'
+expect 1 render run --cameras run/cameras.json -o none --scene moved; says '--scene: found --cameras too'
+expect 2 render run --cameras run/config.json -o none; says 'run/config.json: found 0 cameras'
+expect 2 render run --cameras run/cameras.json -o run; says 'around the input'
+[ ! -e none ] || fail "a folder of a refused render"
+mv moved scene
+
 "$tool" render run --split train -o long --path ellipse --frames 10000 -q 2>err &
 interrupt $! && fail "a flight was not interrupted"
 [ $? -eq 130 ] || fail "interrupted: $(cat err)"

@@ -1,20 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* JSON files of a run and of an attack: config.json, exposure.json and summary.json, all of them
- * the input. */
+/* JSON files of a run and of an attack: config.json, exposure.json, summary.json and cameras.json,
+ * all of them the input. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "splatguard/model.h"
 #include "splatguard/run.h"
 
 #include "spill.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-static const char *const names[] = {"config.json", "exposure.json", "summary.json", "cfg_args",
-                                    "attack/config.json"};
+static const char *const names[] = {"config.json", "exposure.json",      "summary.json",
+                                    "cfg_args",    "attack/config.json", "cameras.json"};
+#define CAMERAS 5 /* its place */
 #define FILES (sizeof(names) / sizeof(names[0]))
 static char folder[64], paths[FILES][96];
 
@@ -67,6 +69,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     sg_attack_run_read_params(ctx, folder, &attack);
     sg_attack_run_params_clear(&attack);
     sg_run_read_exposures(ctx, folder, views, 2, exposures);
+    struct sg_view *cameras;
+    size_t n;
+    sg_cameras_read_json(ctx, paths[CAMERAS], NULL, &cameras, &n);
+    sg_cameras_destroy(&cameras, &n);
     if (!sg_run_summary_read(ctx, folder, &summary)) {
         sg_run_summary_number(summary, "stage_seconds.loss");
         sg_run_summary_destroy(&summary);
