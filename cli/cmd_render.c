@@ -280,14 +280,13 @@ static int run_render(const void *config, const bool *given, const char *const *
         return STATUS_USAGE;
     }
     struct flight flight = {0};
-    int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
+    int code = model_views_find(&v, positional[0], &command_render, given, c, &c->m);
+    const char *from = c->m.cameras ? c->m.cameras : c->m.scene_path;
     if (!code)
-        code = report(
-            v.ctx,
-            sg_output_claim(v.ctx, c->output, "render", true,
-                            (const char *[]){positional[0],
-                                             c->m.cameras ? c->m.cameras : c->m.scene_path, NULL},
-                            &output));
+        code = report(v.ctx, sg_output_claim(v.ctx, c->output, "render", true,
+                                             (const char *[]){positional[0], from, NULL}, &output));
+    if (!code)
+        code = model_views_load(&v, &command_render, given, c, &c->m);
     if (!code)
         code = refuse_photos(&v, c->output);
     if (!code && c->path)

@@ -93,16 +93,15 @@ void render_as_trained(struct sg_render_params *render, const struct sg_train_pa
         render->mip_kernel = train->mip.kernel;
 }
 
-int model_views_open(struct model_views *v, const char *model, const struct command *command,
+int model_views_find(struct model_views *v, const char *model, const struct command *command,
                      const bool *given, void *config, struct model_options *o)
 {
     *v = (struct model_views){.run = sg_run_params_default()};
-    char path[PATH_MAX];
-    const bool is_run = is_folder(model);
     int code = open_engine_context(&v->ctx, o->threads, o->max_memory, o->max_vram, o->quiet);
     if (!code)
-        code = report(v->ctx, sg_run_find_model(v->ctx, model, o->iteration, path, sizeof(path)));
-    if (!code && is_run)
+        code = report(v->ctx,
+                      sg_run_find_model(v->ctx, model, o->iteration, v->path, sizeof(v->path)));
+    if (!code && is_folder(model))
         code = adopt_run_scene(v->ctx, model, command, given, config, &o->scene, &o->scene_path,
                                &v->run);
     if (!code)
@@ -111,17 +110,23 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
         say(stderr, "splatguard %s: missing --scene SCENE\n", command->name);
         code = 1;
     }
-    if (code)
-        return code;
+    return code;
+}
+
+int model_views_load(struct model_views *v, const struct command *command, const bool *given,
+                     const void *config, struct model_options *o)
+{
+    const bool is_run = v->run.folder;
+    int code = STATUS_DONE;
     /* Training views are those of the run. */
     o->scene.eval = o->split == 0 || !is_run || v->run.scene.eval || o->scene.test_halves;
     o->scene.untrained = true;
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
     render_as_trained(&o->render, &v->run.train);
-    int error = sg_model_read_drawable(v->ctx, path, UINT32_MAX, &v->model);
+    int error = sg_model_read_drawable(v->ctx, v->path, UINT32_MAX, &v->model);
     if (!error)
-        error = sg_model_check(v->ctx, v->model, path);
+        error = sg_model_check(v->ctx, v->model, v->path);
     if (!error && o->cameras)
         error = sg_cameras_read_json(v->ctx, o->cameras, &o->scene, &v->cameras, &v->n_cameras);
     else if (!error)
@@ -146,11 +151,19 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
             code = 2;
         }
     }
-    const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
+    const size_t appearance =
+        (size_t) ((const char *) &o->render.appearance - (const char *) config);
     if (!code)
         code = find_photos(v, command, options_given(command, given, appearance),
                            o->render.appearance);
     return code;
+}
+
+int model_views_open(struct model_views *v, const char *model, const struct command *command,
+                     const bool *given, void *config, struct model_options *o)
+{
+    const int code = model_views_find(v, model, command, given, config, o);
+    return code ? code : model_views_load(v, command, given, config, o);
 }
 
 void model_views_choose(struct model_views *v, size_t i)

@@ -3,6 +3,8 @@
 #ifndef CLI_MODEL_VIEWS_H
 #define CLI_MODEL_VIEWS_H
 
+#include <limits.h>
+
 #include "commands.h"
 
 struct model_options {
@@ -63,6 +65,7 @@ void adopt_scene_options(const struct sg_run_params *run, const char *group,
 
 struct model_views {
     sg_ctx *ctx;
+    char path[PATH_MAX];    /* of the model */
     struct sg_scene *scene; /* NULL with cameras of a file */
     struct sg_model *model;
     sg_renderer *renderer;
@@ -79,11 +82,16 @@ struct model_views {
 /* Draws the models of a run as it does, unless the command line says how. */
 void render_as_trained(struct sg_render_params *render, const struct sg_train_params *train);
 
-/* MODEL is a PLY or a run's folder, whose scene and scene options apply where the command line has
- * none. config is the command's, options its `struct model_options`. Returns an exit code; close in
- * any case. */
+/* MODEL is a model's file or a run's folder, whose scene and scene options apply where the command
+ * line has none. config is the command's, options its `struct model_options`. Returns an exit code;
+ * close in any case. */
 int model_views_open(struct model_views *v, const char *model, const struct command *command,
                      const bool *given, void *config, struct model_options *options);
+/* Its two steps: finding what is named, and reading model and scene, which takes its time. */
+int model_views_find(struct model_views *v, const char *model, const struct command *command,
+                     const bool *given, void *config, struct model_options *options);
+int model_views_load(struct model_views *v, const struct command *command, const bool *given,
+                     const void *config, struct model_options *options);
 /* The next renders are of view i. */
 void model_views_choose(struct model_views *v, size_t i);
 void model_views_close(struct model_views *v);

@@ -375,15 +375,17 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
 static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
 {
     const struct sg_attack_run_params *p = r->params;
-    int code = load_scene(r);
+    int code = SG_OK;
+    if (p->method == SG_METHOD_POISON_SPLAT && p->proxy)
+        code = sg_run_find_model(r->ctx, p->proxy, 0, model, PATH_MAX);
+    if (!code)
+        code = load_scene(r);
     if (code)
         return code;
     apply_preset(r);
     code = sg_attack_check(r->ctx, &r->attack_params);
     if (!code)
         code = sg_poisoned_scene_check(r->ctx, r->scene, &p->files);
-    if (!code && p->method == SG_METHOD_POISON_SPLAT && p->proxy)
-        code = sg_run_find_model(r->ctx, p->proxy, 0, model, PATH_MAX);
     /* Nothing of an earlier attack is removed before this one can begin. */
     if (!code && !r->resume) {
         *fresh = !sg_run_has_files(p->folder);

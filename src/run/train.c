@@ -349,11 +349,6 @@ static bool is_summed_up(sg_run *r, int iteration)
 static int restore(sg_run *r)
 {
     const char *folder = r->params.folder;
-    if (!sg_run_has(r->ctx, folder, "checkpoint.bin"))
-        return sg_fail(r->ctx, SG_ERR_INPUT,
-                       "%s: found no checkpoint to continue from, expected one, or to replace the "
-                       "run",
-                       folder);
     json_t *config = NULL;
     char *path = sg_strf(r->ctx, "%s/checkpoint.bin", folder);
     int code =
@@ -416,12 +411,28 @@ static int create(sg_run *r)
     return code;
 }
 
+/* What a run goes on from or begins with, before photos are read in vain. */
+static int check_begin(sg_run *r)
+{
+    const struct sg_run_params *p = &r->params;
+    char path[PATH_MAX];
+    if (!r->resume)
+        return p->init ? sg_run_find_model(r->ctx, p->init, 0, path, sizeof(path)) : SG_OK;
+    if (sg_run_has(r->ctx, p->folder, "checkpoint.bin"))
+        return SG_OK;
+    return sg_fail(r->ctx, SG_ERR_INPUT,
+                   "%s: found no checkpoint to continue from, expected one, or to replace the run",
+                   p->folder);
+}
+
 static int open_run(sg_run *r, const struct sg_output_rules *rules)
 {
     const struct sg_run_params *p = &r->params;
     int code = sg_run_check(r->ctx, p);
     if (!code)
         code = sg_output_claim_by(r->ctx, p->folder, rules, &r->output);
+    if (!code)
+        code = check_begin(r);
     if (!code)
         code = sg_scene_load(r->ctx, p->source, &p->scene, &r->scene);
     if (!code && p->scene.eval && !sg_views_used(r->scene->test, r->scene->n_test))

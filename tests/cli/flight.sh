@@ -3,6 +3,7 @@
 . "$(dirname "$0")/common.sh"
 small_scene
 expect 0 train scene/blender -o run --iterations 1 --init-points 500 --quiet
+rm run/checkpoint.bin
 expect 0 render run --split train -o around --path ellipse --frames 5
 says '5 frames rendered'
 [ "$(cd around && echo *.png)" = "frame_0000.png frame_0001.png frame_0002.png frame_0003.png frame_0004.png" ] ||
@@ -40,7 +41,18 @@ expect 2 render run --cameras run/cameras.json -o run; says 'around the input'
 [ ! -e none ] || fail "a folder of a refused render"
 mv moved scene
 
+# What cannot end well is refused before the photos are read.
+refused() { expect 2 "$@"; grep -q 'scene, .* views' err && fail "photos were read in vain: $*"; }
+refused render run -o run
+refused render run -o run/config.json
+refused attack scene/blender -o none --proxy nowhere
+refused train scene/blender -o none --init nowhere
+refused train --resume run # with no checkpoint
+[ ! -e none ] || fail "something was left"
+
 "$tool" render run --split train -o long --path ellipse --frames 10000 -q 2>err &
-interrupt $! && fail "a flight was not interrupted"
+pid=$!
+wait_for long/frame_0001.png
+interrupt $pid && fail "a flight was not interrupted"
 [ $? -eq 130 ] || fail "interrupted: $(cat err)"
 [ -z "$(find long -name '*.tmp*')" ] || fail "Ctrl-C left $(ls long)"
