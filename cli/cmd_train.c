@@ -46,6 +46,18 @@ static const struct option_part train_parts[] = {{sg_run_options, T(run), NULL},
                                                  {sg_train_options, T(run.train), NULL},
                                                  {0}};
 
+static const struct option_hint train_hints[] = {
+    {"save-iterations", "--save-every N saves every N iterations"},
+    {"checkpoint-iterations", "--save-every N saves every N iterations"},
+    {"test-iterations", "--eval-every N measures every N iterations"},
+    {"start-checkpoint", "train --resume RUN goes on from a checkpoint"},
+    {"data-device", "photos stay in memory, within --max-memory"},
+    {"optimizer-type", "there is one optimiser, Adam"},
+    {"train-test-exp", "--exposure --test-halves does the same"},
+    {"depths", "there is no training with depth maps"},
+    {0},
+};
+
 static void defaults(void *config)
 {
     *(struct train_config *) config = (struct train_config){.run = sg_run_params_default()};
@@ -304,6 +316,7 @@ const struct command command_train = {
               "Defense|Rasteriser",
     .options = train_options,
     .parts = train_parts,
+    .hints = train_hints,
     .config_size = sizeof(struct train_config),
     .defaults = defaults,
     .max_positional = 1,

@@ -95,7 +95,12 @@ static int unknown(const struct command *c, const struct option_place *list, siz
             best = d, near = other;
     }
     say(stderr, "splatguard %s: unknown option %s%.*s", c->name, n > 1 ? "--" : "-", (int) n, name);
-    if (near)
+    const struct option_hint *hint = c->hints;
+    while (hint && hint->name && name_distance(name, n, hint->name))
+        hint++;
+    if (hint && hint->name)
+        say(stderr, "; %s", hint->text);
+    else if (near)
         say(stderr, "; did you mean --%s?", near);
     say(stderr, "\n");
     return STATUS_USAGE;

@@ -43,11 +43,17 @@ struct option_part {
     const char *without; /* rows to leave out, "one|two", or NULL */
 };
 
+/* An option of the reference that has another name here, or none. */
+struct option_hint {
+    const char *name, *text;
+};
+
 struct command {
     const char *name, *arguments, *summary, *description;
     const char *groups;              /* their order: "Run|Scene"; rows without a group come first */
     const struct sg_option *options; /* rows of its own, ends with a NULL name */
     const struct option_part *parts; /* ends with NULL rows; or NULL */
+    const struct option_hint *hints; /* ends with a NULL name; or NULL */
     size_t config_size;
     void (*defaults)(void *config);
     int min_positional, max_positional;

@@ -23,6 +23,7 @@ grep -q '^splatguard [0-9]' out || fail "-V prints $(cat out)"
 expect 1 trian; says 'unknown command "trian"; did you mean train?'
 expect 1 help evl; says 'did you mean eval?'
 expect 1 rend; says 'did you mean render?'
+expect 1 train nowhere -o none --save_iterations 7000; says 'unknown option --save_iterations; --save-every N'
 expect 1 frobnicate; says 'unknown command "frobnicate"; splatguard --help'
 
 expect 1 train scene -o run --iteration 5; says 'did you mean --iterations?'
