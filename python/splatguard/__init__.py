@@ -64,6 +64,13 @@ def _shape(array, what, last):
     return view.shape[:2]
 
 
+def _flag(value, what):
+    """Checks that an argument is a bool: a text such as "no" would count as true."""
+    if not isinstance(value, bool):
+        raise UsageError(f"{what}: found {value!r}, expected true or false")
+    return value
+
+
 class Context(_core.Context):
     """Threads, memory limit, log and progress.
 
@@ -145,7 +152,7 @@ class View:
 
     def __init__(self, name, camera, image, mask=None, split=None, lossless=False):
         self.name, self.camera, self.split, self.file = name, camera, split, ""
-        self.lossless = bool(lossless)
+        self.lossless = _flag(lossless, "lossless")
         self._image, self._mask, self._place = image, mask, None
         if split not in _SPLITS:
             raise UsageError(f'split: found {split!r}, expected None, "train" or "test"')
@@ -211,7 +218,8 @@ class Scene:
         views out of training. untrained: nothing will be trained, so that all may be test views.
         params: see options("scene"). Raises InputError for what is missing or malformed."""
         context = _context(context)
-        return cls(_core.scene_load(context, path, params, eval, untrained), context)
+        return cls(_core.scene_load(context, path, params, _flag(eval, "eval"),
+                                    _flag(untrained, "untrained")), context)
 
     @classmethod
     def build(cls, views, points=None, colors=None, context=None, keep_photos=0, eval=False,
@@ -231,7 +239,8 @@ class Scene:
             if colors is not None and _shape_rows(colors, "colors") != count:
                 raise UsageError("colors: expected as many rows as points")
         handle = _core.scene_build(context, params, (view._tuple() for view in views), points,
-                                   colors, count, keep_photos, eval, untrained)
+                                   colors, count, keep_photos, _flag(eval, "eval"),
+                                   _flag(untrained, "untrained"))
         return cls(handle, context)
 
     def points(self):
@@ -391,7 +400,8 @@ class Renderer:
         """Draws one view; alpha and depth are made on demand. Returns a Render."""
         h, w = camera.height, camera.width
         color = _array("f", 3, h, w)
-        a, d = (_array("f", h, w) if wanted else None for wanted in (alpha, depth))
+        a, d = (_array("f", h, w) if wanted else None for wanted in
+                (_flag(alpha, "alpha"), _flag(depth, "depth")))
         stats = _core.render(self._handle, camera._numbers(), color, a, d)
         return Render(color, a, d, stats)
 
@@ -411,16 +421,19 @@ class Trainer:
     audit(scene): turns the defense on as preset auto would, each photo by what was found in it; or
     "defend": audits first, and does that unless the photos look clean; or "refuse": raises
     PoisonedError if they look poisoned. tolerance="auto": as much of each photo as an audit finds.
-    tolerances, view_weights: float32 per training view. defense: turns the spectral defense on.
+    tolerances, view_weights: float32 per training view. defense: True or "spectral" turns the
+    spectral defense on, False or "off" (with no audit that would turn it on) leaves it off.
     params: see options("train"), and defense_preset.
     """
 
     def __init__(self, scene, initial=None, resume=None, audit=None, tolerances=None,
-                 view_weights=None, defense=False, **params):
+                 view_weights=None, defense=None, **params):
         self.scene, self.context = scene, scene.context
         if audit not in (None, "defend", "refuse") and not isinstance(audit, dict):
             raise UsageError(f'audit: found {audit!r}, expected a result of audit(scene), "defend" or "refuse"')
         automatic = params.get("tolerance") == "auto"
+        if audit not in (None, "refuse") and defense in (False, "off"):
+            raise UsageError("defense: found off, expected no audit that turns it on with it")
         if isinstance(audit, str) or automatic:
             found = audit if isinstance(audit, dict) else _core.audit(scene._handle)
             if audit == "refuse" and found["verdict"] == "poisoned":
@@ -441,10 +454,12 @@ class Trainer:
                 tolerances = own["tolerances"]
             view_weights = own["view_weights"] if view_weights is None else view_weights
             params = {**found, **{k.rstrip("_"): v for k, v in params.items()}}
-            defense = True
+            defense = True if defense is None else defense
+        if defense is not None:
+            params["defense"] = defense
         model = None if initial is None else initial._handle
         self._handle = _core.trainer_new(scene._handle, model, params, tolerances, view_weights,
-                                         defense, resume or b"")
+                                         resume or b"")
 
     def step(self):
         """Runs one iteration. Returns a dict: iteration, view (index into scene.train), loss, l1,
@@ -501,6 +516,7 @@ def evaluate(model, scene, split="test", match_colors=False, fps=False, **params
     corrected_ssim. match_colors: also after matching the colours of renders and photos. Renders have the appearance
     that params ask for, also where a test photo has one of its own. fps: measures frames per
     second. params: of Renderer."""
+    _flag(match_colors, "match_colors"), _flag(fps, "fps")
     renderer = model if isinstance(model, Renderer) else Renderer(model, **params)
     if split not in ("train", "test"):
         raise UsageError(f'split: found {split!r}, expected "train" or "test"')

@@ -476,15 +476,18 @@ bool params_set(const struct sg_option *rows, void *params, PyObject *dict, PyOb
             if (length > 1 && n[length - 1] == '_') /* lambda_; "_" alone is shared by all */
                 n[length - 1] = 0;
             const struct sg_option *row = sg_option_find(rows, n);
+            const bool is_switch = row && row->type == SG_OPTION_SWITCH;
             if (!row)
                 PyErr_Format(PyExc_TypeError,
                              "found parameter %R, which is none of these; see "
                              "splatguard.options()",
                              key);
+            else if (is_switch && PyBool_Check(value))
+                *(bool *) ((char *) params + row->offset) = value == Py_True;
             else if (!sg_option_set(row, params, PyBytes_AsString(text), expected,
                                     sizeof(expected)))
-                PyErr_Format(errors[-SG_ERR_USAGE], "%s: found %R, expected %s", n, value,
-                             expected);
+                PyErr_Format(errors[-SG_ERR_USAGE], "%s: found %R, expected %s%s", n, value,
+                             is_switch ? "true, false or " : "", expected);
             good = !PyErr_Occurred();
         }
         Py_XDECREF(name);

@@ -30,12 +30,11 @@ static PyObject *trainer_new(PyObject *module, PyObject *args)
     (void) module;
     struct handle *scene, *model, *h = NULL;
     PyObject *dict, *tolerances, *weights, *path = NULL, *keep = PyList_New(0);
-    int defense;
     struct sg_train_params p = sg_train_params_default();
     if (!keep ||
-        !PyArg_ParseTuple(args, "O&O&O!OOpO&", to_scene, &scene, to_model_or_none, &model,
-                          &PyDict_Type, &dict, &tolerances, &weights, &defense,
-                          PyUnicode_FSConverter, &path) ||
+        !PyArg_ParseTuple(args, "O&O&O!OOO&", to_scene, &scene, to_model_or_none, &model,
+                          &PyDict_Type, &dict, &tolerances, &weights, PyUnicode_FSConverter,
+                          &path) ||
         !same_context(scene, model)) {
         Py_XDECREF(keep);
         Py_XDECREF(path);
@@ -48,7 +47,6 @@ static PyObject *trainer_new(PyObject *module, PyObject *args)
                 params_set(sg_train_options(), &p, dict, keep) &&
                 keep_floats(&p.tolerances, tolerances, views, "tolerances", keep) &&
                 keep_floats(&p.defense.view_weights, weights, views, "view_weights", keep);
-    p.defense.on |= defense;
     if (good) {
         Py_INCREF(keep);
         h = handle_new(TRAINER, scene->context, keep);

@@ -520,7 +520,39 @@ def test_attack_keeps_its_bound_and_audit_defends():
     assert any([trainer.step()["filtered"] for _ in range(20)])
 
 
+def test_defense_is_a_bool_or_a_word():
+    scene = scene_of()
+    few = dict(SHORT, iterations=20, filter_interval=5, rho=0.3)
+    sizes = [len(sg.train(scene, defense=value, **few)) for value in (True, "spectral", False, "off", None)]
+    assert sizes[0] == sizes[1] < sizes[2] == sizes[3] == sizes[4]
+    for wrong in ("no", "false", "", 1, ["spectral"]):
+        for audit in (None, sg.audit(scene)):
+            with pytest.raises(sg.UsageError,
+                               match=r"defense: found .* expected true, false or one of off\|spectral"):
+                sg.train(scene, defense=wrong, audit=audit, **few)
+    for audit in ("defend", sg.audit(scene)):
+        for off in (False, "off"):
+            with pytest.raises(sg.UsageError, match="defense: found off, expected no audit"):
+                sg.train(scene, defense=off, audit=audit, **few)
+
+
 # ---- errors, files, memory ----
+
+def test_flags_are_bools():
+    scene, model = scene_of(views=3), model_of()
+    renderer = sg.Renderer(model)
+    for call in (lambda: sg.train(scene, absgrad="no"), lambda: sg.train(scene, exposure="no"),
+                 lambda: scene_of(eval="no"), lambda: scene_of(untrained="no"),
+                 lambda: scene_of(white_background="no"), lambda: sg.Scene.load("/", eval="no"),
+                 lambda: sg.Scene.load("/", untrained="no"),
+                 lambda: sg.View("a", camera(0), photo(0), lossless="no"),
+                 lambda: renderer.render(camera(0), alpha="no"),
+                 lambda: renderer.render(camera(0), depth="no"),
+                 lambda: sg.evaluate(model, scene, match_colors="no"),
+                 lambda: sg.evaluate(model, scene, fps="no")):
+        with pytest.raises(sg.UsageError, match="^[a-z_]+: found 'no', expected true or false$"):
+            call()
+
 
 def test_errors_have_classes_and_names():
     with pytest.raises(sg.UsageError, match="iterations: found -1"):
