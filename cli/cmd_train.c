@@ -63,82 +63,20 @@ static void defaults(void *config)
     *(struct train_config *) config = (struct train_config){.run = sg_run_params_default()};
 }
 
-/* An option of the defense that has no effect, or NULL. */
-static const char *unused_option(const struct train_config *c, const bool *given)
-{
-    /* At a limit these decide which Gaussians stay. */
-    static const char *const ranking[] = {"filter-frequency", "filter-exponent", "filter-views",
-                                          "filter-sigma",     "filter-hits",     "filter-sample"};
-    struct option_place list[OPTIONS_MAX];
-    const size_t n = options_list(&command_train, list);
-    const bool limited = c->run.train.max_gaussians || c->run.max_memory;
-    const bool tolerates =
-        c->run.train.tolerance > 0 || c->run.train.tolerance == SG_TOLERANCE_AUTO;
-    if (c->run.train.defense.on || c->run.audit == SG_RUN_AUDIT_DEFEND)
-        return NULL;
-    for (size_t i = 0; i < n; i++) {
-        const struct sg_option *o = list[i].row;
-        bool counts = !strcmp(o->name, "defense") || !strcmp(o->name, "audit") ||
-                      !strcmp(o->name, "tolerance") || !strcmp(o->name, "smooth") ||
-                      (tolerates && !strncmp(o->name, "tolerance-", 10));
-        for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
-            counts |= limited && !strcmp(o->name, ranking[k]);
-        if (!strcmp(o->group, "Defense") && given[i] && !counts)
-            return o->name;
-    }
-    return NULL;
-}
-
-/* An option of another model or strategy than the run's, which has no effect, or NULL. expected:
- * what it is for. */
-static const char *foreign_option(const struct train_config *c, const bool *given,
-                                  const char **expected)
-{
-    const struct sg_train_params *t = &c->run.train;
-    const struct {
-        const char *group, *name; /* one of them */
-        bool unused;
-        const char *expected;
-    } kinds[] = {
-        {"Filters of --model mip", NULL, t->model != SG_MODEL_MIP, "--model mip"},
-        {NULL, "keep-filter", t->model != SG_MODEL_MIP, "--model mip"},
-        {"Anchors of --model scaffold", NULL, t->model != SG_MODEL_SCAFFOLD, "--model scaffold"},
-        {"Densification by --strategy mcmc", NULL, t->strategy != SG_STRATEGY_MCMC,
-         "--strategy mcmc"},
-        {NULL, "absgrad", t->strategy == SG_STRATEGY_MCMC, "another strategy than mcmc"},
-    };
-    struct option_place list[OPTIONS_MAX];
-    const size_t n = options_list(&command_train, list);
-    for (size_t i = 0; i < n; i++)
-        for (size_t k = 0; k < sizeof(kinds) / sizeof(kinds[0]); k++)
-            if (given[i] && kinds[k].unused &&
-                !strcmp(kinds[k].group ? list[i].row->group : list[i].row->name,
-                        kinds[k].group ? kinds[k].group : kinds[k].name)) {
-                *expected = kinds[k].expected;
-                return list[i].row->name;
-            }
-    return NULL;
-}
-
 static int check_options(const struct train_config *c, const bool *given)
 {
     if (!c->view && options_given(&command_train, given, T(port))) {
         say(stderr, "splatguard train: --port: found without --view, expected with it\n");
         return STATUS_USAGE;
     }
-    const char *expected = "", *foreign = c->resume ? NULL : foreign_option(c, given, &expected),
-               *unused = c->resume ? NULL : unused_option(c, given);
-    if (foreign) {
-        say(stderr, "splatguard train: --%s: found without effect, expected %s with it\n", foreign,
-            expected);
-        return STATUS_USAGE;
-    }
-    if (unused) {
-        say(stderr,
-            "splatguard train: --%s: found without a defense, expected --defense spectral%s or "
-            "--audit defend with it\n",
-            unused, strncmp(unused, "tolerance-", 10) ? "" : ", --tolerance");
-        return STATUS_USAGE;
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = c->resume ? 0 : options_list(&command_train, list);
+    for (size_t i = 0; i < n; i++) {
+        const char *unused = given[i] ? sg_run_option_unused(&c->run, list[i].row) : NULL;
+        if (unused) {
+            say(stderr, "splatguard train: --%s: %s\n", list[i].row->name, unused);
+            return STATUS_USAGE;
+        }
     }
     if (c->run.audit == SG_RUN_AUDIT_DEFEND && !c->run.train.defense.on &&
         options_given(&command_train, given, T(run.train.defense.on))) {

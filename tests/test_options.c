@@ -303,12 +303,81 @@ static void test_identity(void **state)
     assert_true(checked > 40);
 }
 
+/* Why an option has no effect, or NULL. */
+static const char *unused(const struct sg_run_params *p, const char *name)
+{
+    const struct sg_option *tables[] = {sg_run_options(), sg_scene_options(), sg_train_options()};
+    const struct sg_option *row = NULL;
+    for (int i = 0; i < 3 && !row; i++)
+        row = sg_option_find(tables[i], name);
+    assert_non_null(row);
+    return sg_run_option_unused(p, row);
+}
+
+static void assert_unused(const struct sg_run_params *p, const char *name, const char *expected)
+{
+    const char *found = unused(p, name);
+    if (!found || !strstr(found, expected))
+        fail_msg("%s: \"%s\", expected \"%s\"", name, found ? found : "used", expected);
+}
+
+static void test_unused(void **state)
+{
+    (void) state;
+    const struct sg_run_params plain = sg_run_params_default();
+    struct sg_run_params p;
+    const char *const free_of_it[] = {"defense", "audit",   "tolerance", "smooth",  "iterations",
+                                      "eval",    "absgrad", "max-time",  "strategy"};
+    for (size_t i = 0; i < sizeof(free_of_it) / sizeof(free_of_it[0]); i++)
+        assert_null(unused(&plain, free_of_it[i]));
+    assert_unused(&plain, "rho", "--defense spectral or --audit defend");
+    assert_unused(&plain, "preset", "without a defense");
+    assert_unused(&plain, "filter-hits", "without a defense");
+    assert_unused(&plain, "tolerance-tv", "--tolerance or");
+    assert_unused(&plain, "mip-kernel", "--model mip");
+    assert_unused(&plain, "keep-filter", "--model mip");
+    assert_unused(&plain, "voxel-size", "--model scaffold");
+    assert_unused(&plain, "cap-max", "--strategy mcmc");
+
+    p = plain, p.train.defense.on = true;
+    assert_null(unused(&p, "rho"));
+    p = plain, p.audit = SG_RUN_AUDIT_DEFEND;
+    assert_null(unused(&p, "rho"));
+    p = plain, p.audit = SG_RUN_AUDIT_REFUSE;
+    assert_unused(&p, "rho", "without a defense");
+
+    const float tolerances[] = {0};
+    p = plain, p.train.tolerance = 3;
+    assert_null(unused(&p, "tolerance-tv"));
+    assert_unused(&p, "rho", "without a defense");
+    p = plain, p.train.tolerance = SG_TOLERANCE_AUTO;
+    assert_null(unused(&p, "tolerance-tv"));
+    p = plain, p.train.tolerances = tolerances;
+    assert_null(unused(&p, "tolerance-tv"));
+
+    for (int limit = 0; limit < 3; limit++) { /* which the filter's score decides at */
+        p = plain;
+        *(limit == 0 ? &p.max_memory : limit == 1 ? &p.max_vram : &p.train.max_gaussians) = 1 << 20;
+        assert_null(unused(&p, "filter-hits"));
+        assert_unused(&p, "filter-interval", "without a defense");
+    }
+
+    p = plain, p.train.model = SG_MODEL_MIP;
+    assert_null(unused(&p, "mip-kernel"));
+    p = plain, p.train.model = SG_MODEL_SCAFFOLD;
+    assert_null(unused(&p, "voxel-size"));
+    p = plain, p.train.strategy = SG_STRATEGY_MCMC;
+    assert_null(unused(&p, "cap-max"));
+    assert_unused(&p, "absgrad", "another strategy");
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_rows_are_whole), cmocka_unit_test(test_defaults_read_back),
         cmocka_unit_test(test_ranges),         cmocka_unit_test(test_texts),
         cmocka_unit_test(test_presets),        cmocka_unit_test(test_identity),
+        cmocka_unit_test(test_unused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -58,6 +58,12 @@ SG_API struct sg_run_params sg_run_params_default(void);
 /* The options of struct sg_run_params itself. Its scene and train have their own tables. */
 SG_API const struct sg_option *sg_run_options(void);
 
+/* Whether an option that a user gave has no effect beside the other parameters: a row of any of the
+ * three tables. The end of a message, "found without a defense, expected ...", which is static;
+ * NULL where it has an effect. */
+SG_API const char *sg_run_option_unused(const struct sg_run_params *params,
+                                        const struct sg_option *option);
+
 /* The parameters of the run in a folder, from its config.json; train.cpu is the variant that it
  * began with, folder is borrowed. Release *out with sg_run_params_clear, also after an error.
  * Errors: SG_ERR_INPUT for a folder without one, unknown options and values out of range;

@@ -423,7 +423,8 @@ class Trainer:
     PoisonedError if they look poisoned. tolerance="auto": as much of each photo as an audit finds.
     tolerances, view_weights: float32 per training view. defense: True or "spectral" turns the
     spectral defense on, False or "off" (with no audit that would turn it on) leaves it off.
-    params: see options("train"), and defense_preset.
+    params: see options("train"), and defense_preset. What has no effect beside the others, such as
+    rho without a defense, is refused.
     """
 
     def __init__(self, scene, initial=None, resume=None, audit=None, tolerances=None,
@@ -434,6 +435,7 @@ class Trainer:
         automatic = params.get("tolerance") == "auto"
         if audit not in (None, "refuse") and defense in (False, "off"):
             raise UsageError("defense: found off, expected no audit that turns it on with it")
+        audited = audit == "defend"
         if isinstance(audit, str) or automatic:
             found = audit if isinstance(audit, dict) else _core.audit(scene._handle)
             if audit == "refuse" and found["verdict"] == "poisoned":
@@ -459,7 +461,7 @@ class Trainer:
             params["defense"] = defense
         model = None if initial is None else initial._handle
         self._handle = _core.trainer_new(scene._handle, model, params, tolerances, view_weights,
-                                         resume or b"")
+                                         audited, resume or b"")
 
     def step(self):
         """Runs one iteration. Returns a dict: iteration, view (index into scene.train), loss, l1,

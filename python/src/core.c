@@ -9,7 +9,7 @@
 PyObject *core_types[KINDS], *core_context_type;
 static PyObject *errors[7]; /* by -code; [0] is the base */
 
-static PyObject *error_type(int code)
+PyObject *error_type(int code)
 {
     return code < 0 && code >= -6 ? errors[-code] : errors[0];
 }
@@ -66,6 +66,7 @@ static PyObject *context_new(PyTypeObject *type, PyObject *args, PyObject *kw)
     c->progress = progress == Py_None ? NULL : progress;
     Py_XINCREF(c->log);
     Py_XINCREF(c->progress);
+    c->max_vram = max_vram;
     const struct sg_ctx_params params = {.threads = threads,
                                          .max_memory = max_memory,
                                          .max_vram = max_vram,
@@ -461,6 +462,18 @@ static PyObject *text_of(PyObject *value)
     return bytes;
 }
 
+PyObject *param_name(PyObject *key)
+{
+    PyObject *name = PyUnicode_AsUTF8String(key);
+    const Py_ssize_t n = name ? PyBytes_Size(name) : 0;
+    if (n > 1 && PyBytes_AsString(name)[n - 1] == '_') { /* "_" alone is no name */
+        PyObject *whole = name;
+        name = PyBytes_FromStringAndSize(PyBytes_AsString(whole), n - 1);
+        Py_DECREF(whole);
+    }
+    return name;
+}
+
 bool params_set(const struct sg_option *rows, void *params, PyObject *dict, PyObject *keep)
 {
     PyObject *key, *value;
@@ -468,13 +481,11 @@ bool params_set(const struct sg_option *rows, void *params, PyObject *dict, PyOb
     while (PyDict_Next(dict, &at, &key, &value)) {
         if (value == Py_None)
             continue;
-        PyObject *name = PyUnicode_AsUTF8String(key), *text = name ? text_of(value) : NULL;
+        PyObject *name = param_name(key), *text = name ? text_of(value) : NULL;
         bool good = text && !PyList_Append(keep, text);
         if (good) {
-            char *n = PyBytes_AsString(name), expected[160] = "";
-            const size_t length = strlen(n);
-            if (length > 1 && n[length - 1] == '_') /* lambda_; "_" alone is shared by all */
-                n[length - 1] = 0;
+            const char *n = PyBytes_AsString(name);
+            char expected[160] = "";
             const struct sg_option *row = sg_option_find(rows, n);
             const bool is_switch = row && row->type == SG_OPTION_SWITCH;
             if (!row)

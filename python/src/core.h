@@ -26,6 +26,7 @@ struct context {
     atomic_ulong owner; /* thread that is in a call, 0 = none */
     _Atomic(struct dead *) dead;
     PyObject *log, *progress;
+    unsigned long long max_vram;
 };
 
 /* Every other object: what it holds, its context, and what must outlive it. */
@@ -46,6 +47,8 @@ struct handle {
 enum kind { SCENE, MODEL, RENDERER, TRAINER, ATTACK, KINDS };
 extern PyObject *core_types[KINDS];
 extern PyObject *core_context_type;
+
+PyObject *error_type(int code); /* the exception of an SG_ERR_* */
 
 /* A new handle; takes over `keep`. NULL with an exception. */
 struct handle *handle_new(enum kind kind, struct context *context, PyObject *keep);
@@ -98,6 +101,8 @@ void array_release(struct array *a);
 /* Fields of a params struct from a dict by the names of option tables; texts go to the list keep.
  */
 bool params_set(const struct sg_option *rows, void *params, PyObject *dict, PyObject *keep);
+/* The name that a key of such a dict means, as bytes: lambda_ is lambda. */
+PyObject *param_name(PyObject *key);
 
 /* width height fx fy cx cy, then R and t, from an array of 18 doubles. */
 bool camera_read(struct sg_camera *camera, PyObject *object);

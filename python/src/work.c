@@ -25,16 +25,44 @@ static bool keep_floats(const float **out, PyObject *object, size_t n, const cha
     return true;
 }
 
+/* Whether all that was given has an effect. audited: an audit decided about the defense. */
+static bool all_used(const struct sg_train_params *p, const struct context *c, PyObject *dict,
+                     bool audited)
+{
+    const struct sg_run_params run = {.train = *p,
+                                      .max_memory = sg_mem_limit(c->ctx),
+                                      .max_vram = c->max_vram,
+                                      .audit = audited ? SG_RUN_AUDIT_DEFEND : SG_RUN_AUDIT_OFF};
+    PyObject *key, *value;
+    Py_ssize_t at = 0;
+    while (PyDict_Next(dict, &at, &key, &value)) {
+        PyObject *name = value == Py_None ? NULL : param_name(key);
+        const struct sg_option *row =
+            name ? sg_option_find(sg_train_options(), PyBytes_AsString(name)) : NULL;
+        const char *unused = row ? sg_run_option_unused(&run, row) : NULL;
+        if (unused)
+            PyErr_Format(error_type(SG_ERR_USAGE), "%s: %s", PyBytes_AsString(name), unused);
+        Py_XDECREF(name);
+        if (PyErr_Occurred())
+            return false;
+    }
+    if (p->defense.view_weights && !p->defense.on && !audited)
+        PyErr_SetString(error_type(SG_ERR_USAGE),
+                        "view_weights: found without a defense, expected one with it");
+    return !PyErr_Occurred();
+}
+
 static PyObject *trainer_new(PyObject *module, PyObject *args)
 {
     (void) module;
     struct handle *scene, *model, *h = NULL;
     PyObject *dict, *tolerances, *weights, *path = NULL, *keep = PyList_New(0);
+    int audited;
     struct sg_train_params p = sg_train_params_default();
     if (!keep ||
-        !PyArg_ParseTuple(args, "O&O&O!OOO&", to_scene, &scene, to_model_or_none, &model,
-                          &PyDict_Type, &dict, &tolerances, &weights, PyUnicode_FSConverter,
-                          &path) ||
+        !PyArg_ParseTuple(args, "O&O&O!OOpO&", to_scene, &scene, to_model_or_none, &model,
+                          &PyDict_Type, &dict, &tolerances, &weights, &audited,
+                          PyUnicode_FSConverter, &path) ||
         !same_context(scene, model)) {
         Py_XDECREF(keep);
         Py_XDECREF(path);
@@ -46,7 +74,8 @@ static PyObject *trainer_new(PyObject *module, PyObject *args)
     bool good = !PyList_Append(keep, (PyObject *) scene) &&
                 params_set(sg_train_options(), &p, dict, keep) &&
                 keep_floats(&p.tolerances, tolerances, views, "tolerances", keep) &&
-                keep_floats(&p.defense.view_weights, weights, views, "view_weights", keep);
+                keep_floats(&p.defense.view_weights, weights, views, "view_weights", keep) &&
+                all_used(&p, scene->context, dict, audited);
     if (good) {
         Py_INCREF(keep);
         h = handle_new(TRAINER, scene->context, keep);

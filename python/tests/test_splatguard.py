@@ -522,9 +522,10 @@ def test_attack_keeps_its_bound_and_audit_defends():
 
 def test_defense_is_a_bool_or_a_word():
     scene = scene_of()
-    few = dict(SHORT, iterations=20, filter_interval=5, rho=0.3)
-    sizes = [len(sg.train(scene, defense=value, **few)) for value in (True, "spectral", False, "off", None)]
-    assert sizes[0] == sizes[1] < sizes[2] == sizes[3] == sizes[4]
+    few, strong = dict(SHORT, iterations=20), dict(rho=0.3, filter_interval=5)
+    on = [len(sg.train(scene, defense=value, **few, **strong)) for value in (True, "spectral")]
+    off = [len(sg.train(scene, defense=value, **few)) for value in (False, "off", None)]
+    assert on[0] == on[1] < off[0] == off[1] == off[2]
     for wrong in ("no", "false", "", 1, ["spectral"]):
         for audit in (None, sg.audit(scene)):
             with pytest.raises(sg.UsageError,
@@ -534,6 +535,42 @@ def test_defense_is_a_bool_or_a_word():
         for off in (False, "off"):
             with pytest.raises(sg.UsageError, match="defense: found off, expected no audit"):
                 sg.train(scene, defense=off, audit=audit, **few)
+
+
+def test_parameters_without_effect_are_refused():
+    scene = scene_of(views=3)
+    few = dict(iterations=1, init_points=50)
+    found = sg.audit(scene)
+    for unused, expected in (
+            (dict(rho=0.3), "rho: found without a defense, expected --defense spectral or"),
+            (dict(rho=0.3, defense=False), "rho: found without a defense"),
+            (dict(rho=0.3, defense="off"), "rho: found without a defense"),
+            (dict(rho=0.3, audit="refuse"), "rho: found without a defense"),
+            (dict(lambda_=1.5), "lambda: found without a defense"),
+            (sg.defense_preset("mip"), "rho: found without a defense"),
+            (dict(filter_interval=5), "filter_interval: found without a defense"),
+            (dict(filter_frequency=5), "filter_frequency: found without a defense"),
+            (dict(tolerance=0, tolerance_tv=2), "tolerance_tv: .* --tolerance or --audit defend"),
+            (dict(view_weights=np.ones(3, np.float32)), "view_weights: found without a defense"),
+            (dict(cap_max=100), "cap_max: found without effect, expected --strategy mcmc"),
+            (dict(strategy="mcmc", absgrad=True), "absgrad: found without effect"),
+            (dict(mip_kernel=0.2), "mip_kernel: found without effect, expected --model mip"),
+            (dict(keep_filter=True), "keep_filter: found without effect, expected --model mip"),
+            (dict(voxel_size=0.1), "voxel_size: found without effect, expected --model scaffold")):
+        with pytest.raises(sg.UsageError, match=expected):
+            sg.train(scene, **few, **unused)
+        with pytest.raises(sg.UsageError, match=expected):
+            sg.Trainer(scene, **few, **unused)
+    for used in (dict(rho=0.3, defense=True), dict(rho=0.3, audit="defend"), dict(rho=None),
+                 dict(rho=0.3, audit=found), dict(tolerance="auto", tolerance_tv=2),
+                 dict(tolerances=np.ones(3, np.float32), tolerance_tv=2),
+                 dict(max_gaussians=100, filter_frequency=5), dict(strategy="mcmc", cap_max=100),
+                 dict(view_weights=np.ones(3, np.float32), audit="defend"),
+                 dict(model="mip", mip_kernel=0.2)):
+        sg.train(scene, **few, **used)
+    for limit in (dict(max_memory=1 << 30), dict(max_vram=1 << 30)):
+        limited = scene_of(views=3, context=sg.Context(**limit))
+        sg.train(limited, filter_frequency=5, engine="cpu", **few)
 
 
 # ---- errors, files, memory ----
