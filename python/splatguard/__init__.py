@@ -28,6 +28,8 @@ library with the same context.
 Ctrl-C raises KeyboardInterrupt at the next step of whatever runs; see train for what is saved.
 """
 
+import array as _arrays
+
 from . import _core
 from ._core import (BudgetError, Cancelled, Error, InputError, InternalError, PoisonedError,
                     UsageError)
@@ -62,6 +64,11 @@ def _shape(array, what, last):
         raise UsageError(f"{what}: found an array of shape {view.shape}, expected height x width"
                          + (f" x {last}" if last else ""))
     return view.shape[:2]
+
+
+def _floats(values):
+    """Numbers of each view, an array or a list, as an array."""
+    return _arrays.array("f", values) if isinstance(values, list) else values
 
 
 def _flag(value, what):
@@ -421,10 +428,10 @@ class Trainer:
     audit(scene): turns the defense on as preset auto would, each photo by what was found in it; or
     "defend": audits first, and does that unless the photos look clean; or "refuse": raises
     PoisonedError if they look poisoned. tolerance="auto": as much of each photo as an audit finds.
-    tolerances, view_weights: float32 per training view. defense: True or "spectral" turns the
-    spectral defense on, False or "off" (with no audit that would turn it on) leaves it off.
-    params: see options("train"), and defense_preset. What has no effect beside the others, such as
-    rho without a defense, is refused.
+    tolerances, view_weights: a list or float32 array with a number per training view. defense: True
+    or "spectral" turns the spectral defense on, False or "off" (with no audit that would turn it
+    on) leaves it off. params: see options("train"), and defense_preset. What has no effect beside
+    the others, such as rho without a defense, is refused.
     """
 
     def __init__(self, scene, initial=None, resume=None, audit=None, tolerances=None,
@@ -447,11 +454,10 @@ class Trainer:
             if automatic:
                 del params["tolerance"]
                 if audit is None and tolerances is None:
-                    tolerances = memoryview(found["tolerances"]).cast("f")
+                    tolerances = found["tolerances"]
         if audit is not None:
             found = dict(audit["defense"])
-            own = {name: memoryview(found.pop(name)).cast("f")
-                   for name in ("tolerances", "view_weights")}
+            own = {name: found.pop(name) for name in ("tolerances", "view_weights")}
             if tolerances is None and "tolerance" not in params:
                 tolerances = own["tolerances"]
             view_weights = own["view_weights"] if view_weights is None else view_weights
@@ -460,8 +466,8 @@ class Trainer:
         if defense is not None:
             params["defense"] = defense
         model = None if initial is None else initial._handle
-        self._handle = _core.trainer_new(scene._handle, model, params, tolerances, view_weights,
-                                         audited, resume or b"")
+        self._handle = _core.trainer_new(scene._handle, model, params, _floats(tolerances),
+                                         _floats(view_weights), audited, resume or b"")
 
     def step(self):
         """Runs one iteration. Returns a dict: iteration, view (index into scene.train), loss, l1,
@@ -546,8 +552,9 @@ def audit(scene):
     Returns {verdict, score, tau, tau_error, reasons, images, defense, tolerances}. verdict: "clean",
     "suspicious" or "poisoned"; score: 0 to 1; tau: the poison's estimated amplitude in grey levels;
     reasons: sentences; images: a list of {name, verdict, score, tau, tau_error, features} in the
-    order of scene.train; defense: for Trainer(audit=...); tolerances: those of tolerance="auto",
-    float32 per training view.
+    order of scene.train; defense: for Trainer(audit=...); tolerances: those of tolerance="auto", a
+    list of floats, one per training view. All of it can be written as JSON, and read back for
+    Trainer(audit=...).
     """
     return _core.audit(scene._handle)
 

@@ -112,8 +112,9 @@ class Trainer:
     scene: Scene
     context: Context
     def __init__(self, scene: Scene, initial: Optional[Model] = ..., resume: Optional[Path] = ...,
-                 audit: Union[Dict[str, Any], str, None] = ..., tolerances: Optional[Array] = ...,
-                 view_weights: Optional[Array] = ...,
+                 audit: Union[Dict[str, Any], str, None] = ...,
+                 tolerances: Union[Array, List[float], None] = ...,
+                 view_weights: Union[Array, List[float], None] = ...,
                  defense: Union[bool, str, None] = ..., **params: Any) -> None: ...
     def step(self) -> Step: ...
     @property

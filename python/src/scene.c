@@ -300,22 +300,30 @@ static PyObject *image_dict(const struct sg_audit_image *i)
     return dict;
 }
 
-/* What preset auto makes of it: parameters by the names of options, and arrays per view. */
-static PyObject *automatic_dict(const struct sg_audit *audit, const struct sg_scene *scene)
+static PyObject *float_list(const float *values, size_t n)
+{
+    PyObject *list = PyList_New(0);
+    for (size_t i = 0; i < n && list; i++)
+        list_take(&list, PyFloat_FromDouble((double) values[i]));
+    return list;
+}
+
+/* What preset auto makes of it: parameters by the names of options, and numbers of each view.
+ * scratch: two floats for each. */
+static PyObject *automatic_dict(const struct sg_audit *audit, const struct sg_scene *scene,
+                                float *scratch)
 {
     struct sg_defense_params p = sg_defense_params_default();
-    const Py_ssize_t bytes = (Py_ssize_t) (scene->n_train * sizeof(float));
-    PyObject *weights = PyByteArray_FromStringAndSize(NULL, bytes),
-             *tolerances = weights ? PyByteArray_FromStringAndSize(NULL, bytes) : NULL,
-             *dict = NULL;
-    if (tolerances) {
-        sg_defense_automatic(audit, scene->extent, (double) SG_TOLERANCE_AUTO,
-                             (float *) (void *) PyByteArray_AsString(weights),
-                             (float *) (void *) PyByteArray_AsString(tolerances), &p);
-        dict = Py_BuildValue("{s:d,s:d,s:d,s:d,s:O,s:O}", "rho", p.rho, "rho_least", p.rho_least,
-                             "filter_frequency", p.frequency, "lambda", p.lambda, "view_weights",
-                             weights, "tolerances", tolerances);
-    }
+    const size_t n = scene->n_train;
+    sg_defense_automatic(audit, scene->extent, (double) SG_TOLERANCE_AUTO, scratch, scratch + n,
+                         &p);
+    PyObject *weights = float_list(scratch, n),
+             *tolerances = weights ? float_list(scratch + n, n) : NULL,
+             *dict = tolerances ? Py_BuildValue("{s:d,s:d,s:d,s:d,s:O,s:O}", "rho", p.rho,
+                                                "rho_least", p.rho_least, "filter_frequency",
+                                                p.frequency, "lambda", p.lambda, "view_weights",
+                                                weights, "tolerances", tolerances)
+                                : NULL;
     Py_XDECREF(weights);
     Py_XDECREF(tolerances);
     return dict;
@@ -332,11 +340,15 @@ static PyObject *audit_dict(const struct sg_audit *a, const struct sg_scene *sce
         PyObject *text = PyUnicode_FromString(a->reasons[i]);
         list_take(&reasons, text);
     }
-    const Py_ssize_t bytes = (Py_ssize_t) (scene->n_train * sizeof(float));
-    PyObject *automatic = images && reasons ? automatic_dict(a, scene) : NULL,
-             *tolerances = automatic ? PyByteArray_FromStringAndSize(NULL, bytes) : NULL;
-    if (tolerances)
-        sg_defense_tolerances(a, (float *) (void *) PyByteArray_AsString(tolerances));
+    float *scratch = PyMem_Calloc(2 * scene->n_train + 1, sizeof(*scratch));
+    PyObject *automatic = NULL, *tolerances = NULL;
+    if (!scratch)
+        PyErr_NoMemory();
+    else if (images && reasons && (automatic = automatic_dict(a, scene, scratch))) {
+        sg_defense_tolerances(a, scratch);
+        tolerances = float_list(scratch, scene->n_train);
+    }
+    PyMem_Free(scratch);
     PyObject *dict =
         tolerances ? Py_BuildValue("{s:s,s:d,s:d,s:d,s:O,s:O,s:O,s:O}", "verdict",
                                    sg_audit_verdict_name(a->verdict), "score", a->score, "tau",

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import ast
 import gc
+import json
 import math
 import os
 import re
@@ -478,6 +479,19 @@ def test_what_an_audit_decides(noise):
     plain, defended, tolerant = (bytes(np.asarray(sg.train(scene, **few, **how)["position"]).tobytes())
                                  for how in ({}, {"audit": "defend"}, {"tolerance": "auto"}))
     assert (plain == defended) == (plain == tolerant) == (not noise)
+
+    found = sg.audit(scene)
+    for numbers in found["tolerances"], found["defense"]["tolerances"], found["defense"]["view_weights"]:
+        assert len(numbers) == 4 and all(isinstance(x, float) for x in numbers)
+    assert any(found["tolerances"]) == bool(noise)
+    again = json.loads(json.dumps(found))
+    assert again == found
+    for how in (dict(audit=again), dict(audit=found, view_weights=found["defense"]["view_weights"]),
+                dict(audit=found, tolerances=np.float32(found["defense"]["tolerances"]))):
+        model = sg.train(scene, **few, **how)
+        assert bytes(model["position"]) == bytes(sg.train(scene, audit=found, **few)["position"])
+    with pytest.raises(ValueError, match="tolerances: found 3 values .* expected 4"):
+        sg.train(scene, tolerances=[1.0, 2.0, 3.0], **few)
 
 
 def test_sizes_are_those_of_the_library():
