@@ -324,8 +324,8 @@ class Model:
         return cls._of(_core.model_read(context, path, max_gaussians), context)
 
     def save(self, path, format="auto", spz_version=3):
-        """Writes .ply, .compressed.ply, .splat, .spz, .sog or .glb, by the ending or `format`. The
-        file appears whole or not at all."""
+        """Writes .ply, .compressed.ply, .splat, .spz, .sog or .glb, by the ending or `format`.
+        Replaces an existing file. The new one appears whole or not at all."""
         if format not in _FORMATS:
             raise UsageError(f"format: found {format!r}, expected one of {', '.join(_FORMATS)}")
         _core.model_write(self._handle, path, _FORMATS.index(format), spz_version)
@@ -491,7 +491,8 @@ class Trainer:
         return Model._of(_core.trainer_model(self._handle), self.context)
 
     def save(self, path):
-        """Saves the whole state for `resume`. The file appears whole or not at all."""
+        """Saves the whole state for `resume`. Replaces an existing file. The new one appears whole
+        or not at all."""
         _core.trainer_save(self._handle, path)
 
 

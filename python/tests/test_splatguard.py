@@ -639,6 +639,8 @@ def test_files_of_models(tmp_path):
         back = np.asarray(sg.Model.load(tmp_path / f"m.{ending}")["position"])
         if ending != "compressed.ply":
             assert np.abs(back - np.asarray(model["position"])).max() < 5e-3
+    model_of(20, 0).save(tmp_path / "m.ply")  # replaces the file
+    assert len(sg.Model.load(tmp_path / "m.ply")) == 20
     box = ((-9, -9, -9), (0, 9, 9))
     assert len(model.select(box=box)) == (np.asarray(model["position"])[:, 0] <= 0).sum()
 
