@@ -319,7 +319,8 @@ class Model:
 
     @classmethod
     def load(cls, path, max_gaussians=2**32 - 1, context=None):
-        """Reads .ply, compressed .ply, .splat, .spz, .ksplat or .sog."""
+        """Reads .ply, compressed .ply, .splat, .spz, .ksplat or .sog, or the newest model of a
+        run's folder."""
         context = _context(context)
         return cls._of(_core.model_read(context, path, max_gaussians), context)
 

@@ -2,6 +2,7 @@
 /* Models and renderers. */
 #include "core.h"
 
+#include <limits.h>
 #include <string.h>
 
 /* The handle, or NULL where making it has failed. */
@@ -52,10 +53,13 @@ static PyObject *model_read(PyObject *module, PyObject *args)
     struct context *c;
     PyObject *path;
     unsigned long long most;
+    char file[PATH_MAX];
     if (!PyArg_ParseTuple(args, "O&O&K", to_context, &c, PyUnicode_FSConverter, &path, &most))
         return NULL;
     struct handle *h = handle_new(MODEL, c, NULL);
-    const bool good = h && CALL(c, sg_model_read(c->ctx, PyBytes_AsString(path), most, &h->model));
+    const bool good =
+        h && CALL(c, sg_run_find_model(c->ctx, PyBytes_AsString(path), 0, file, sizeof(file))
+                         ?: sg_model_read(c->ctx, file, most, &h->model));
     Py_DECREF(path);
     return made(h, good);
 }

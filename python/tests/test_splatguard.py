@@ -645,6 +645,16 @@ def test_files_of_models(tmp_path):
     assert len(model.select(box=box)) == (np.asarray(model["position"])[:, 0] <= 0).sum()
 
 
+def test_the_newest_model_of_a_run_is_loaded(tmp_path):
+    for iteration, n in (7, 40), (30, 50):
+        folder = tmp_path / "run" / "point_cloud" / f"iteration_{iteration}"
+        folder.mkdir(parents=True)
+        model_of(n).save(folder / "point_cloud.ply")
+    assert len(sg.Model.load(tmp_path / "run")) == 50
+    with pytest.raises(sg.InputError, match="expected a run folder"):
+        sg.Model.load(tmp_path)
+
+
 def test_options_and_help():
     assert {o["name"] for o in sg.options("train")} >= {"iterations", "lambda", "rho"}
     assert all(o["help"] for what in ("train", "attack", "scene", "render")
