@@ -2,6 +2,7 @@
 /* Contexts, handles, buffers, errors, and the module itself. */
 #include "core.h"
 
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -56,8 +57,8 @@ static PyObject *context_new(PyTypeObject *type, PyObject *args, PyObject *kw)
     int threads = 0, level = SG_LOG_WARN;
     unsigned long long max_memory = 0, max_vram = 0;
     PyObject *log = NULL, *progress = NULL;
-    if (!PyArg_ParseTupleAndKeywords(args, kw, "|iKOOiK:Context", names, &threads, &max_memory,
-                                     &log, &progress, &level, &max_vram))
+    if (!PyArg_ParseTupleAndKeywords(args, kw, "|iO&OOiO&:Context", names, &threads, to_u64,
+                                     &max_memory, &log, &progress, &level, to_u64, &max_vram))
         return NULL;
     struct context *c = (struct context *) ((allocfunc) PyType_GetSlot(type, Py_tp_alloc))(type, 0);
     if (!c)
@@ -78,8 +79,14 @@ static PyObject *context_new(PyTypeObject *type, PyObject *args, PyObject *kw)
     c->lock = PyThread_allocate_lock();
     const int code = c->lock ? sg_ctx_create(&c->ctx, &params) : SG_ERR_BUDGET;
     if (code) {
-        PyErr_Format(error_type(code), "threads %d, log_level %d: cannot make a context", threads,
-                     level);
+        const bool of_threads = threads < 0 || threads > 256;
+        if (code == SG_ERR_USAGE)
+            PyErr_Format(error_type(code), "%s: found %d, expected 0 to %d",
+                         of_threads ? "threads" : "log_level", of_threads ? threads : level,
+                         of_threads ? 256 : SG_LOG_DEBUG);
+        else
+            PyErr_SetString(error_type(code),
+                            "found no memory or threads for a context, expected both");
         Py_DECREF((PyObject *) c);
         return NULL;
     }
@@ -267,6 +274,16 @@ static int convert(PyObject *object, PyObject *type, void *out)
     }
     *(PyObject **) out = object;
     return 1;
+}
+
+int to_u64(PyObject *object, void *out)
+{
+    PyObject *whole = PyNumber_Index(object);
+    *(unsigned long long *) out = whole ? PyLong_AsUnsignedLongLong(whole) : 0;
+    if (PyErr_Occurred() && PyErr_ExceptionMatches(PyExc_OverflowError))
+        PyErr_Format(error_type(SG_ERR_USAGE), "found %R, expected 0 to %llu", whole, ULLONG_MAX);
+    Py_XDECREF(whole);
+    return !PyErr_Occurred();
 }
 
 int to_context(PyObject *object, void *out)

@@ -53,6 +53,7 @@ PyObject *error_type(int code); /* the exception of an SG_ERR_* */
 /* A new handle; takes over `keep`. NULL with an exception. */
 struct handle *handle_new(enum kind kind, struct context *context, PyObject *keep);
 /* For PyArg_ParseTuple with O&. */
+int to_u64(PyObject *object, void *out);     /* unsigned long long *; "K" takes -1 for the most */
 int to_context(PyObject *object, void *out); /* struct context ** */
 int to_scene(PyObject *object, void *out);   /* struct handle **, as all below */
 int to_model(PyObject *object, void *out);

@@ -54,7 +54,8 @@ static PyObject *model_read(PyObject *module, PyObject *args)
     PyObject *path;
     unsigned long long most;
     char file[PATH_MAX];
-    if (!PyArg_ParseTuple(args, "O&O&K", to_context, &c, PyUnicode_FSConverter, &path, &most))
+    if (!PyArg_ParseTuple(args, "O&O&O&", to_context, &c, PyUnicode_FSConverter, &path, to_u64,
+                          &most))
         return NULL;
     struct handle *h = handle_new(MODEL, c, NULL);
     const bool good =

@@ -120,8 +120,8 @@ static PyObject *scene_build(PyObject *module, PyObject *args)
     int eval, untrained;
     struct sg_scene_params p = sg_scene_params_default();
     sg_scene_builder *b = NULL;
-    if (!PyArg_ParseTuple(args, "O&O!OOOnKpp", to_context, &c, &PyDict_Type, &dict, &views, &points,
-                          &colors, &n, &keep_bytes, &eval, &untrained))
+    if (!PyArg_ParseTuple(args, "O&O!OOOnO&pp", to_context, &c, &PyDict_Type, &dict, &views,
+                          &points, &colors, &n, to_u64, &keep_bytes, &eval, &untrained))
         return NULL;
     p.eval = eval, p.untrained = untrained;
     PyObject *keep = PyList_New(0), *iterator = PyObject_GetIter(views);

@@ -589,6 +589,22 @@ def test_parameters_without_effect_are_refused():
 
 # ---- errors, files, memory ----
 
+def test_limits_of_contexts():
+    for wrong in (dict(threads=-1), dict(threads=257), dict(log_level=3), dict(log_level=-1)):
+        (name, value), = wrong.items()
+        most = {"threads": 256, "log_level": 2}[name]
+        with pytest.raises(sg.UsageError, match=f"^{name}: found {value}, expected 0 to {most}$"):
+            sg.Context(**wrong)
+    for call in (lambda n: sg.Context(max_memory=n), lambda n: sg.Context(max_vram=n),
+                 lambda n: scene_of(keep_photos=n), lambda n: sg.Model.load("/", max_gaussians=n)):
+        for n in -1, 1 << 64:
+            with pytest.raises(sg.UsageError, match=f"found {n}, expected 0 to {(1 << 64) - 1}"):
+                call(n)
+        with pytest.raises(TypeError):
+            call(1.5)
+    assert sg.Context(max_memory=np.int64(1 << 20)).memory()["total"] == (0, 0)
+
+
 def test_flags_are_bools():
     scene, model = scene_of(views=3), model_of()
     renderer = sg.Renderer(model)
