@@ -66,6 +66,15 @@ def _shape(array, what, last):
     return view.shape[:2]
 
 
+def _expect(value, kinds, what):
+    """Checks that an argument is of a class, or of one of some; returns it."""
+    kinds = kinds if isinstance(kinds, tuple) else (kinds,)
+    if not isinstance(value, kinds):
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise TypeError(f"{what}: found {type(value).__name__}, expected {expected}")
+    return value
+
+
 def _floats(values):
     """Numbers of each view, an array or a list, as an array."""
     return _arrays.array("f", values) if isinstance(values, list) else values
@@ -158,7 +167,8 @@ class View:
     __slots__ = ("name", "camera", "split", "lossless", "file", "_image", "_mask", "_place")
 
     def __init__(self, name, camera, image, mask=None, split=None, lossless=False):
-        self.name, self.camera, self.split, self.file = name, camera, split, ""
+        self.name, self.camera = name, _expect(camera, Camera, "camera")
+        self.split, self.file = split, ""
         self.lossless = _flag(lossless, "lossless")
         self._image, self._mask, self._place = image, mask, None
         if split not in _SPLITS:
@@ -245,7 +255,7 @@ class Scene:
             count = _shape_rows(points, "points")
             if colors is not None and _shape_rows(colors, "colors") != count:
                 raise UsageError("colors: expected as many rows as points")
-        handle = _core.scene_build(context, params, (view._tuple() for view in views), points,
+        handle = _core.scene_build(context, params, (_expect(view, View, "views")._tuple() for view in views), points,
                                    colors, count, keep_photos, _flag(eval, "eval"),
                                    _flag(untrained, "untrained"))
         return cls(handle, context)
@@ -400,13 +410,13 @@ class Renderer:
     """
 
     def __init__(self, model, background=(0.0, 0.0, 0.0), engine=None, cpu=None, **params):
-        self.context = model.context
+        self.context = _expect(model, Model, "model").context
         self._shape = len(model), model.sh_degree
         self._handle = _core.renderer_new(model._handle, engine, cpu, params, tuple(background))
 
     def render(self, camera, alpha=False, depth=False):
         """Draws one view; alpha and depth are made on demand. Returns a Render."""
-        h, w = camera.height, camera.width
+        h, w = _expect(camera, Camera, "camera").height, camera.width
         color = _array("f", 3, h, w)
         a, d = (_array("f", h, w) if wanted else None for wanted in
                 (_flag(alpha, "alpha"), _flag(depth, "depth")))
@@ -437,7 +447,7 @@ class Trainer:
 
     def __init__(self, scene, initial=None, resume=None, audit=None, tolerances=None,
                  view_weights=None, defense=None, **params):
-        self.scene, self.context = scene, scene.context
+        self.scene, self.context = _expect(scene, Scene, "scene"), scene.context
         if audit not in (None, "defend", "refuse") and not isinstance(audit, dict):
             raise UsageError(f'audit: found {audit!r}, expected a result of audit(scene), "defend" or "refuse"')
         automatic = params.get("tolerance") == "auto"
@@ -466,7 +476,7 @@ class Trainer:
             defense = True if defense is None else defense
         if defense is not None:
             params["defense"] = defense
-        model = None if initial is None else initial._handle
+        model = None if initial is None else _expect(initial, Model, "initial")._handle
         self._handle = _core.trainer_new(scene._handle, model, params, _floats(tolerances),
                                          _floats(view_weights), audited, resume or b"")
 
@@ -526,6 +536,7 @@ def evaluate(model, scene, split="test", match_colors=False, fps=False, **params
     corrected_ssim. match_colors: also after matching the colours of renders and photos. Renders have the appearance
     that params ask for, also where a test photo has one of its own. fps: measures frames per
     second. params: of Renderer."""
+    _expect(model, (Model, Renderer), "model"), _expect(scene, Scene, "scene")
     _flag(match_colors, "match_colors"), _flag(fps, "fps")
     renderer = model if isinstance(model, Renderer) else Renderer(model, **params)
     if split not in ("train", "test"):
@@ -543,7 +554,7 @@ def camera_path(cameras, frames=120, kind="ellipse", context=None):
     kinds = ("ellipse", "interpolate")
     if kind not in kinds:
         raise UsageError(f"kind: found {kind!r}, expected one of {kinds}")
-    numbers = [camera._numbers() for camera in cameras]
+    numbers = [_expect(camera, Camera, "cameras")._numbers() for camera in cameras]
     return [Camera._of(n) for n in
             _core.camera_path(_context(context), kinds.index(kind), numbers, frames)]
 
@@ -558,7 +569,7 @@ def audit(scene):
     list of floats, one per training view. All of it can be written as JSON, and read back for
     Trainer(audit=...).
     """
-    return _core.audit(scene._handle)
+    return _core.audit(_expect(scene, Scene, "scene")._handle)
 
 
 def audit_images(images, masks=None, names=None, context=None):
@@ -586,7 +597,8 @@ class Attack:
     """
 
     def __init__(self, scene, proxy, preset="auto", **params):
-        self.scene, self.context = scene, scene.context
+        self.scene, self.context = _expect(scene, Scene, "scene"), scene.context
+        _expect(proxy, Model, "proxy")
         self._handle, self.iterations = _core.attack_new(scene._handle, proxy._handle, params,
                                                          preset)
 

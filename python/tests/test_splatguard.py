@@ -589,6 +589,27 @@ def test_parameters_without_effect_are_refused():
 
 # ---- errors, files, memory ----
 
+def test_arguments_of_other_types_are_named():
+    scene, model = scene_of(views=3), model_of()
+    renderer = sg.Renderer(model)
+    for call, what, expected in (
+            (lambda x: sg.train(x), "scene", "Scene"), (lambda x: sg.Trainer(x), "scene", "Scene"),
+            (lambda x: sg.train(scene, initial=x), "initial", "Model"),
+            (lambda x: sg.audit(x), "scene", "Scene"),
+            (lambda x: sg.evaluate(x, scene), "model", "Model or Renderer"),
+            (lambda x: sg.evaluate(model, x), "scene", "Scene"),
+            (lambda x: sg.attack(x, model), "scene", "Scene"),
+            (lambda x: sg.Attack(scene, x), "proxy", "Model"),
+            (lambda x: sg.Renderer(x), "model", "Model"),
+            (lambda x: renderer.render(x), "camera", "Camera"),
+            (lambda x: sg.camera_path([x]), "cameras", "Camera"),
+            (lambda x: sg.View("a", x, photo(0)), "camera", "Camera"),
+            (lambda x: sg.Scene.build([x]), "views", "View")):
+        for wrong, found in ("a path", "str"), (scene.train, "list"):
+            with pytest.raises(TypeError, match=f"^{what}: found {found}, expected {expected}$"):
+                call(wrong)
+
+
 def test_limits_of_contexts():
     for wrong in (dict(threads=-1), dict(threads=257), dict(log_level=3), dict(log_level=-1)):
         (name, value), = wrong.items()
