@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* sg_render_backward against central differences of sg_render, on every engine. */
 #include "models.h"
+#include "scene/reader.h"
 #include "splatguard/render.h"
 
 enum { SIDE = 24, VALUES = 3 * SIDE * SIDE };
@@ -90,9 +91,44 @@ static void test_refusals(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+static void test_cameras(void **state)
+{
+    (void) state;
+    static float rgb[VALUES];
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, 5, 1, 8);
+    const struct sg_camera good = make_camera(SIDE, SIDE, 3);
+    sg_renderer *r;
+    assert_int_equal(sg_renderer_create(ctx, NULL, NULL, m, NULL, &r), SG_OK);
+    for (int wrong = 0; wrong < 4; wrong++) {
+        struct sg_camera c = good;
+        for (int k = 0; k < 9; k++)
+            c.R[k] = wrong == 0   ? 0
+                     : wrong == 1 ? 2 * c.R[k]
+                     : wrong == 2 ? -c.R[k]
+                     : k == 4     ? (double) NAN
+                                  : c.R[k];
+        assert_int_equal(sg_render(r, &c, rgb, NULL, NULL, NULL), SG_ERR_USAGE);
+        assert_non_null(strstr(sg_last_error(ctx), "R that is off a rotation by"));
+    }
+    /* What a scene's file may have is drawn: poses that are off by nearly 1e-2 in all places. */
+    for (int signs = 0; signs < 8; signs++) {
+        const double a = signs & 1 ? 4.9e-3 : -4.9e-3, b = signs & 2 ? 4.9e-3 : -4.9e-3,
+                     d = signs & 4 ? 4.9e-3 : -4.9e-3;
+        const double pose[16] = {1, a, b, 0, a, 1, d, 0, b, d, 1, 3, 0, 0, 0, 1};
+        struct sg_camera c = good;
+        assert_int_equal(sg_pose_from_opengl(ctx, pose, "pose", c.R, c.t), SG_OK);
+        assert_int_equal(sg_render(r, &c, rgb, NULL, NULL, NULL), SG_OK);
+    }
+    sg_renderer_destroy(&r);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences),
-                                       cmocka_unit_test(test_refusals)};
+                                       cmocka_unit_test(test_refusals),
+                                       cmocka_unit_test(test_cameras)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

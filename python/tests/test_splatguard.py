@@ -379,6 +379,8 @@ def test_render_alpha_and_depth():
     plain = sg.Renderer(model, engine="ref").render(camera(0))
     assert plain.alpha is None
     assert np.abs(np.asarray(plain.color) - np.asarray(drawn.color)).max() < 1e-3
+    with pytest.raises(sg.UsageError, match="R that is off a rotation by 1 .determinant 0"):
+        sg.Renderer(model).render(sg.Camera(10, 10, 5, R=np.zeros((3, 3))))
     model["opacity"] = np.full((500, 1), np.nan, np.float32)
     with pytest.raises(sg.InputError, match="opacity"):
         sg.Renderer(model)

@@ -6,6 +6,7 @@
 #include "engine/scaffold/scaffold.h"
 #include "model/anchors.h"
 #include "option/option.h"
+#include "scene/reader.h"
 
 struct sg_renderer {
     sg_ctx *ctx;
@@ -108,6 +109,13 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
         return sg_fail(r->ctx, SG_ERR_USAGE,
                        "render: found focal lengths %g and %g, expected positive ones", camera->fx,
                        camera->fy);
+    double determinant;
+    const double off = sg_rotation_error(camera->R, &determinant);
+    if (!(off < SG_ROTATION_DRAWN) || !(determinant > 0))
+        return sg_fail(r->ctx, SG_ERR_USAGE,
+                       "render: found a matrix R that is off a rotation by %g (determinant %g), "
+                       "expected one within %g",
+                       off, determinant, SG_ROTATION_DRAWN);
     struct sg_render_params params = r->params;
     if (params.appearance == SG_APPEARANCE_INDEX && r->index <= INT_MAX)
         params.appearance = (int) r->index;
