@@ -268,6 +268,36 @@ static void test_sealed_lies(void **state)
     }
 }
 
+/* Of another run or scene: the message has what differs, and nothing else. */
+static void test_what_differs(void **state)
+{
+    struct fixture *f = *state;
+    const struct {
+        size_t at;
+        uint64_t value;
+        size_t bytes;
+        const char *message;
+    } others[] = {
+        {AT_SEED, 43, 8, ": seed: found 43, expected 42, that of this run"},
+        {AT_VIEWS, 3, 8, ": training views: found 3, expected 2, those of this scene"},
+        {AT_EXTENT, 0x4010000000000000u, 8, ": extent: found 4, expected 3, that of this scene"},
+        {AT_DEGREE, 4, 4, ": SH degree: found 4, expected 0 to 3"},
+        {AT_START, 2, 4, ": first SH degree: found 2, expected 0 to 1"},
+        {AT_COUNT, 0, 8, ": found no Gaussians, expected some"},
+    };
+    for (size_t i = 0; i < sizeof(others) / sizeof(others[0]); i++) {
+        char *bad = malloc(f->size), message[200];
+        memcpy(bad, f->data, f->size);
+        memcpy(bad + others[i].at, &others[i].value, others[i].bytes);
+        seal(bad, f->size);
+        spill(f->path, bad, f->size);
+        free(bad);
+        expect_refusal(f, others[i].message);
+        snprintf(message, sizeof(message), "%s%s", f->path, others[i].message);
+        assert_string_equal(sg_last_error(f->ctx), message);
+    }
+}
+
 /* The sections as they are in the file, those of `order` only; sealed. */
 static void spill_sections(struct fixture *f, const char *data, const int *order, uint32_t n)
 {
@@ -681,6 +711,7 @@ int main(void)
         ONE(test_every_cut),
         ONE(test_every_flip),
         ONE(test_sealed_lies),
+        ONE(test_what_differs),
         ONE(test_sections),
         ONE(test_section_heads),
         ONE(test_section_order),

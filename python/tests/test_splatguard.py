@@ -159,6 +159,8 @@ def test_train_with_callback_and_resume(tmp_path):
     resumed = sg.train(scene, resume=saved, **SHORT)
     for name, values in whole.arrays().items():
         assert np.array_equal(resumed[name], values)
+    with pytest.raises(sg.InputError, match=r"state.bin: seed: found 42, expected 9, that of this run$"):
+        sg.train(scene, resume=saved, seed=9, **SHORT)
     assert len(sg.train(scene, callback=lambda step: step["iteration"] == 3, **SHORT)) == 150
 
 

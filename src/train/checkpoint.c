@@ -297,6 +297,33 @@ done:
     return code;
 }
 
+/* What a file has of its own run and scene; names the first that is not as in this one. */
+static int check_numbers(const sg_trainer *t, const char *path,
+                         const struct sg_checkpoint_header *h)
+{
+    sg_ctx *ctx = t->ctx;
+    if (!h->count)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no Gaussians, expected some", path);
+    if (h->sh_degree < 0 || h->sh_degree > 3)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: SH degree: found %d, expected 0 to 3", path,
+                       h->sh_degree);
+    if (h->start_degree < 0 || h->start_degree > h->sh_degree)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: first SH degree: found %d, expected 0 to %d", path,
+                       h->start_degree, h->sh_degree);
+    if (h->views != t->scene->n_train)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: training views: found %llu, expected %zu, those of this scene", path,
+                       (unsigned long long) h->views, t->scene->n_train);
+    if (h->seed != t->params.seed)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: seed: found %llu, expected %llu, that of this run",
+                       path, (unsigned long long) h->seed, (unsigned long long) t->params.seed);
+    if (h->extent != t->extent)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: extent: found %.17g, expected %.17g, that of this scene", path,
+                       h->extent, t->extent);
+    return SG_OK;
+}
+
 static int check_header(const sg_trainer *t, FILE *f, const char *path,
                         const struct sg_checkpoint_header *h)
 {
@@ -307,16 +334,9 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path,
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found a checkpoint of %s, expected one of %s", path,
                        h->kind > SG_RUN_ATTACK ? "an unknown kind" : kinds[h->kind],
                        kinds[t->identity.kind]);
-    if (h->sh_degree < 0 || h->sh_degree > 3 || h->start_degree < 0 ||
-        h->start_degree > h->sh_degree || h->views != t->scene->n_train ||
-        h->seed != t->params.seed || h->extent != t->extent || !h->count)
-        return sg_fail(
-            ctx, SG_ERR_INPUT,
-            "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.17g; "
-            "expected 0 to 3, no more than that, and those of this scene and run: %zu, %llu, %.17g",
-            path, h->sh_degree, h->start_degree, (unsigned long long) h->views,
-            (unsigned long long) h->seed, h->extent, t->scene->n_train,
-            (unsigned long long) t->params.seed, t->extent);
+    int code = check_numbers(t, path, h);
+    if (code)
+        return code;
 
     /* Anchors have no spherical harmonics, and room for none. */
     if (t->params.model == SG_MODEL_SCAFFOLD && h->sh_degree)

@@ -64,7 +64,7 @@ expect 0 train --resume again --iterations 54 -q; says 'the run was made with GP
 
 # Another scene of the same size is another scene.
 expect 0 synth -o other $size --train-views 6 --test-views 2 --points 300 --samples 1 --seed 5
-expect 2 train other/blender -o again --resume --iterations 60 -q; says 'those of this scene and run'
+expect 2 train other/blender -o again --resume --iterations 60 -q; says 'checkpoint.bin: extent: found'
 
 # Damage is found (of several bytes: one might be there already).
 printf 'damage' | dd of=cut/checkpoint.bin bs=1 seek=5000 conv=notrunc 2>/dev/null
