@@ -200,13 +200,33 @@ struct sg_run_summary {
     json_t *root;
 };
 
+/* A run gets its summary when it ends. That nothing is there is left to the reading. */
+static int check_ended(sg_ctx *ctx, const char *folder)
+{
+    if (!sg_dir_exists(folder))
+        return access(folder, F_OK)
+                   ? SG_OK
+                   : sg_fail(ctx, SG_ERR_INPUT, "%s: found a file, expected the folder of a run",
+                             folder);
+    if (sg_run_has(ctx, folder, "summary.json"))
+        return SG_OK;
+    if (sg_run_has(ctx, folder, "config.json"))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no summary.json: the run is not finished; train --resume %s "
+                       "goes on",
+                       folder, folder);
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: found no summary.json, expected the folder of a run",
+                   folder);
+}
+
 int sg_run_summary_read(sg_ctx *ctx, const char *folder, sg_run_summary **out)
 {
     sg_clear_error(ctx);
     *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(**out));
-    int code =
-        *out ? sg_run_read_json(ctx, folder, "summary.json", "summary.json of a run", &(*out)->root)
-             : SG_ERR_BUDGET;
+    int code = *out ? check_ended(ctx, folder) : SG_ERR_BUDGET;
+    if (!code)
+        code =
+            sg_run_read_json(ctx, folder, "summary.json", "summary.json of a run", &(*out)->root);
     if (code)
         sg_run_summary_destroy(out);
     return code;

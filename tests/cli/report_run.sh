@@ -92,7 +92,11 @@ rm "$name/log.jsonl"
 expect 0 report "$name" -o page -q
 grep -q '<svg role=img' $page && fail "curves of nothing"
 rm "$name/summary.json"
-expect 2 report "$name" -o page; says 'summary.json'
+expect 2 report "$name" -o none; says "$name: found no summary.json: the run is not finished; train --resume $name goes on"
+expect 2 compare "$name"; says 'the run is not finished'
+[ ! -e none ] || fail "a report of a run that is not finished left something"
+expect 2 compare gone; says 'gone: found no summary.json, expected the folder of a run'
+expect 2 compare $page; says "$page: found a file, expected the folder of a run"
 expect 2 report gone -o page; says 'gone'
 expect 1 report "$name" "$name" -o both; says 'found a folder among several arguments'
 mkdir mine && echo mine >mine/report.html
