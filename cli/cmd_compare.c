@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "interrupt.h"
 #include "model_views.h"
 #include "page.h"
 
@@ -274,6 +275,7 @@ static int run_compare(const void *config, const bool *given, const char *const 
         say(stderr, "splatguard compare: --json, --csv and --html exclude each other\n");
         code = 1;
     }
+    interrupt_catch();
     for (int i = 0; i < count && !code; i++) {
         code = read_run(&runs[i], positional[i]);
         if (!code && c->m.scene_path)

@@ -2,6 +2,7 @@
 #include <limits.h>
 #include <string.h>
 
+#include "interrupt.h"
 #include "model_views.h"
 #include "page.h"
 #include "report.h"
@@ -117,10 +118,11 @@ static int run_report(const void *config, const bool *given, const char *const *
     sg_ctx *ctx = NULL;
     if (!c->output)
         return missing(&command_report, "-o DIR");
+    interrupt_catch();
     if (count == 1 && is_folder(positional[0]))
         return report_of_run(positional[0], c, given);
     int code = STATUS_DONE;
-    for (int i = 0; i < count && !code; i++)
+    for (int i = 0; i < count && !code && !interrupted(); i++)
         if (is_folder(positional[i])) {
             say(stderr,
                 "splatguard report: %s: found a folder among several arguments, expected one run, "
@@ -129,7 +131,7 @@ static int run_report(const void *config, const bool *given, const char *const *
             code = STATUS_USAGE;
         } else
             code = report_load(&r, positional[i]);
-    if (!code && !r.n) {
+    if (!code && !interrupted() && !r.n) {
         say(stderr, "splatguard report: %s: found no plan, expected the database of a bench\n",
             positional[0]);
         code = STATUS_INPUT;
@@ -138,6 +140,8 @@ static int run_report(const void *config, const bool *given, const char *const *
         code = report_group(&r);
     if (!code)
         code = report_audits(&r);
+    if (!code && interrupted()) /* the files take no time */
+        code = report(NULL, SG_ERR_INTERRUPTED);
     if (!code)
         code = open_context(&ctx, 1, 0, c->m.quiet);
     if (!code)

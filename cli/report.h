@@ -107,7 +107,7 @@ int report_group(struct report *r);
 void report_clear(struct report *r);
 
 /* Adds a database's audits; compares those of all with the clean photos of their scenes; makes what
- * the page needs of that. */
+ * the page needs of that, which ends early where interrupted() says so. */
 int report_load_audits(struct report *r, struct store *s);
 int report_audits(struct report *r);
 void report_clear_audits(struct report *r);

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "interrupt.h"
 #include "report.h"
 
 /* ---- what the databases have ---- */
@@ -295,9 +296,9 @@ static size_t count_scenes(const struct report *r, const struct audit *like, boo
 int report_audits(struct report *r)
 {
     int code = STATUS_DONE;
-    for (size_t i = 0; i < r->n_audits && !code; i++)
+    for (size_t i = 0; i < r->n_audits && !code && !interrupted(); i++)
         code = add_row(r, &r->audits[i], false);
-    for (size_t i = 0; i < r->n_audits && !code; i++) {
+    for (size_t i = 0; i < r->n_audits && !code && !interrupted(); i++) {
         bool first;
         if (count_scenes(r, &r->audits[i], &first) > 1 && first)
             code = add_row(r, &r->audits[i], true);

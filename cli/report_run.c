@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "interrupt.h"
 #include "model_views.h"
 #include "page.h"
 #include "report.h"
@@ -326,7 +327,9 @@ static int put_pictures(FILE *f, struct model_views *v, const char *split)
                 split);
         for (size_t k = 0; k < 3 && !error; k++)
             if (!k || shown[k] != shown[k - 1])
-                error = put_view(f, v, order[shown[k]], e.per_view[order[shown[k]]].psnr);
+                error = interrupted()
+                            ? SG_ERR_INTERRUPTED
+                            : put_view(f, v, order[shown[k]], e.per_view[order[shown[k]]].psnr);
     }
     sg_eval_clear(&e);
     sg_mem_free(order);

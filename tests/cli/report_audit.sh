@@ -127,6 +127,16 @@ ask 'drop table audit'
 expect 0 report r.db -o without -q
 grep -q 'verdicts of the audit' without/report.md && fail "audits from nowhere"
 
+# Ctrl-C while the bootstrap of many photos takes its time.
+cp clean.db many.db
+sqlite3 many.db "insert into cell select * from (select plan, position + 1000, key, kind, scene, 'noise', defense, model, seed from cell where kind='audit' and photos='clean');
+    with recursive more(n) as (select 1 union all select n + 1 from more where n < 20000)
+    insert into audit select key, position + 100 * n, name, score, verdict, tau, tau_error from audit, more"
+"$tool" report many.db -o stopped >out 2>err &
+interrupt $!
+[ $? -eq 130 ] && says 'interrupted' || fail "a report was not interrupted"
+[ ! -e stopped ] || fail "an interrupted report left $(ls -A stopped)"
+
 # The figure, in a browser.
 browser=$(command -v chromium || command -v google-chrome) || { echo "figure not looked at: no Chromium"; exit 0; }
 dom "$browser" page/report.html >dom.html

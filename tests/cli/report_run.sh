@@ -61,6 +61,21 @@ if command -v python3 >/dev/null; then
     python3 "$source_dir/tests/cli/page_look.py" "file://$work/both.html" || fail "the look of a comparison"
 fi
 
+# Ctrl-C leaves nothing.
+if [ -z "${SG_TEST_ENGINE-}" ]; then # which is slower to see it
+    expect 0 synth -o wide --width 400 --height 300 --train-views 24 --test-views 24 --points 300 --samples 1
+    expect 0 train wide/colmap -o one --eval --iterations 1 --init-points 20000 -q
+    "$tool" report one -o stopped >out 2>err &
+    interrupt $!
+    [ $? -eq 130 ] && says cancelled || fail "a report was not interrupted"
+    [ ! -e stopped ] || fail "an interrupted report left $(ls -A stopped)"
+    "$tool" compare one one --scene wide/colmap --html stopped.html >out 2>err &
+    interrupt $!
+    [ $? -eq 130 ] && says cancelled || fail "a comparison was not interrupted"
+    for file in stopped.html*; do [ ! -e "$file" ] || fail "Ctrl-C left $file"; done
+    rm -rf wide one
+fi
+
 # Without its photos; with a log that is damaged, or gone.
 mv scene gone
 expect 0 report "$name" -o page -q; says 'the page has no pictures'
