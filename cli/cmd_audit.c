@@ -160,6 +160,8 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         print_text(audit);
     if (!code && c.report)
         code = report(ctx, sg_audit_write_page(ctx, scene, audit, c.report));
+    if (!code && c.report && !c.quiet)
+        say(stderr, "page of %zu photos written to %s\n", audit->count, c.report);
     if (!code && c.exit_code)
         code = verdict_status(audit->verdict);
     sg_audit_destroy(&audit);

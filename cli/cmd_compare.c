@@ -281,9 +281,11 @@ static int run_compare(const void *config, const bool *given, const char *const 
         if (!code && c->m.scene_path)
             code = measure(&runs[i], c, given);
     }
-    if (!code && c->html)
+    if (!code && c->html) {
         code = write_html(c, runs, count);
-    else if (!code)
+        if (!code && !c->m.quiet)
+            say(stderr, "page of %d runs written to %s\n", count, c->html);
+    } else if (!code)
         code = (c->json ? print_json : c->csv ? print_csv : print_table)(runs, count);
     free(runs);
     return code;

@@ -33,7 +33,7 @@ static const struct sg_option prune_options[] = {
     MEMORY_ROW(struct prune_config, max_memory, GROUP),
     VRAM_ROW(struct prune_config, max_vram, GROUP),
     FLAG_ROW("json", P(json), "Print one JSON object.", GROUP),
-    FLAG_ROW("quiet", P(quiet), "No progress.", GROUP, .letter = 'q'),
+    FLAG_ROW("quiet", P(quiet), "Warnings only.", GROUP, .letter = 'q'),
     {0},
 };
 
@@ -66,10 +66,8 @@ static int say_result(const struct prune_config *c, const struct sg_prune_result
         return json_print(json_pack("{s:I,s:o}", "gaussians", (json_int_t) left, "rounds", rounds),
                           0);
     }
-    for (int i = 0; i < r->rounds; i++)
-        printf("removed %zu of %zu Gaussians, %zu of which no view shows\n", r->removed[i],
-               r->before[i], r->unseen[i]);
-    say(stdout, "%s: %zu Gaussians\n", c->output, left);
+    if (!c->quiet) /* each round has logged what it removed */
+        say(stdout, "%s: %zu Gaussians\n", c->output, left);
     return STATUS_DONE;
 }
 

@@ -101,6 +101,8 @@ static int report_of_run(const char *folder, struct report_config *c, const bool
         code = open_pictures(&r, c, given);
     if (!code)
         code = write_file(c->output, "report.html", &r, put_run_page);
+    if (!code && !c->m.quiet)
+        say(stderr, "page of %s written to %s/report.html\n", folder, c->output);
     model_views_close(&r.views);
     sg_output_release(&output);
     sg_run_summary_destroy(&r.summary);
@@ -152,6 +154,9 @@ static int run_report(const void *config, const bool *given, const char *const *
         code = write_file(c->output, "results.csv", &r, put_values);
     if (!code)
         code = write_file(c->output, "report.html", &r, put_html);
+    if (!code && !c->m.quiet)
+        say(stderr, "results of %zu runs written to %s/report.html, report.md and results.csv\n",
+            r.n, c->output);
     sg_output_release(&output);
     sg_ctx_destroy(&ctx);
     report_clear(&r);

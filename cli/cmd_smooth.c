@@ -86,6 +86,8 @@ static int run_smooth(const void *config, const bool *given, const char *const *
     if (!error)
         error = write_scene(ctx, scene, c);
     const int status = report_option(ctx, &command_smooth, error);
+    if (!status && !c->quiet)
+        say(stderr, "%zu photos written to %s\n", scene->n_train + scene->n_test, c->output);
     sg_scene_destroy(&scene);
     sg_output_release(&output);
     sg_ctx_destroy(&ctx);

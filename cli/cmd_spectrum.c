@@ -11,7 +11,7 @@ struct spectrum_config {
     struct sg_spectrum_params p;
     double gain;
     uint64_t max_memory;
-    bool json;
+    bool json, quiet;
 };
 
 #define TITLE_MAX 28 /* letters: what fits above an image */
@@ -30,6 +30,7 @@ static const struct sg_option spectrum_options[] = {
     NUMBER_ROW("high", SG_OPTION_DOUBLE, S(p.high), 0, 1, "X", "Upper edge of the band."),
     NUMBER_ROW("bins", SG_OPTION_INT, S(p.bins), 4, SG_SPECTRUM_BINS_MAX, "N",
                "Directions over the full circle; divisible by 4."),
+    FLAG_ROW("quiet", S(quiet), "Warnings and the values only.", .letter = 'q'),
     {0},
 };
 
@@ -156,7 +157,7 @@ static int run_spectrum(const void *config, const bool *given, const char *const
                 c->output);
             return STATUS_USAGE;
         }
-    int code = open_context(&ctx, 0, c->max_memory, false);
+    int code = open_context(&ctx, 0, c->max_memory, c->quiet);
     if (code)
         return code;
     if (c->output)
@@ -178,6 +179,8 @@ static int run_spectrum(const void *config, const bool *given, const char *const
             report(ctx, sg_spectrum_write_picture(ctx, c->output, images, count, c->gain, &crop));
     if (!code)
         code = (c->json ? print_json : print_lines)(images, count, positional);
+    if (!code && c->output && !c->quiet)
+        say(stderr, "picture of %d images written to %s\n", count, c->output);
     for (int k = 0; k < count; k++) {
         sg_picture_clear(&images[k].picture);
         sg_mem_free(images[k].amplitude);

@@ -223,6 +223,9 @@ expect 1 compare clean --json --csv; says 'exclude each other'
 
 # Spectra.
 expect 0 spectrum scene/blender/train/r_0.png poisoned/train/r_0.png -o spectrum.png
+says 'picture of 2 images written to spectrum.png'
+expect 0 spectrum scene/blender/train/r_0.png poisoned/train/r_0.png -o spectrum.png -q
+[ ! -s err ] || fail "spectrum -q says something"
 grep -q 'anisotropy' out && [ -s spectrum.png ] || fail "spectrum"
 expect 0 spectrum spectrum.png --json; grep -q '"band_share"' out || fail "spectrum's JSON"
 expect 2 spectrum nowhere.png; says nowhere.png

@@ -7,6 +7,7 @@ settled() { grep -qF -- "\"$2\": $3" "$1/config.json" || fail "$1 has $(grep -F 
 expect 0 synth -o scene --train-views 4 --test-views 1 --points 300 --samples 1
 brief=$(once $short --iterations 40 --init-points 400)
 expect 0 audit scene/blender --json --report page.html -q
+[ ! -s err ] || fail "audit -q says something"
 grep -q '"verdict": "clean"' out || fail "the clean scene is not clean: $(head -n 3 out)"
 [ "$(grep -c '"name"' out)" = 4 ] || fail "not every photo is listed"
 grep -q 'data:image/png;base64,' page.html || fail "no pictures in the report"
@@ -18,7 +19,7 @@ cp -r scene/blender odd
 first=$(find odd/train -type f -printf '%f\n' | sort | head -n 1)
 mv "odd/train/$first" 'odd/train/<img src=x onerror="a()">.png'
 sed -i "s|train/${first%.png}\"|train/<img src=x onerror=\\\\\"a()\\\\\">\"|" odd/transforms_train.json
-expect 0 audit odd --report odd.html -q
+expect 0 audit odd --report odd.html; says '4 photos written to odd.html'
 grep -q 'onerror=&#34;a()&#34;&#62;' odd.html || fail "the odd name is not in the report"
 grep -q '<img src=x' odd.html && fail "a name became markup"
 expect 0 attack scene/blender -o noisy --method noise --epsilon 16 -q

@@ -9,6 +9,7 @@ model=run/point_cloud/iteration_$end/point_cloud.ply
 before=$(gaussians $model)
 for method in lightgaussian pup spectral; do
     expect 0 prune run --method $method --ratio 0.5 --finetune 20 --trained $end -o $method.ply -q
+    [ ! -s out ] && [ ! -s err ] || fail "prune -q says $(cat out)"
     left=$(gaussians $method.ply)
     [ "$left" -le $((before - before / 2)) ] && [ "$left" -ge 1 ] || fail "$method left $left of $before"
     expect 0 eval $method.ply --scene scene/blender -q
@@ -40,7 +41,8 @@ cmp lightgaussian.ply ply.ply || fail "the model and its run differ"
 expect 0 prune $model --scene scene/blender --finetune 0 --json -o bare.ply -q
 grep -q "\"rounds\": \[{\"before\": $before, \"removed\": " out || fail "prune --json says $(cat out)"
 expect 0 prune run --method pup --finetune 0 -o two.ply
-[ "$(grep -c '^removed' out)" -eq 2 ] || fail "pup says $(cat out), expected two rounds"
+[ "$(grep -c '^of [0-9]* Gaussians [0-9]* removed' err)" -eq 2 ] || fail "pup says $(cat err), expected two rounds"
+[ "$(cat out)" = "two.ply: $(gaussians two.ply) Gaussians" ] || fail "prune prints $(cat out)"
 
 expect 0 train scene/blender -o mip --iterations 1 --init-points 50 --model mip -q
 expect 2 prune mip --finetune 0 -o x.ply; says 'mip: found a run of another --model'

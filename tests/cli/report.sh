@@ -14,7 +14,9 @@ if grep -q 'no SQLite' err || ! command -v sqlite3 >/dev/null; then
     exit 77
 fi
 ask() { sqlite3 r.db "$1"; }
+expect 0 report r.db -o page; says 'results of 12 runs written to page/report.html, report.md and results.csv'
 expect 0 report r.db -o page -q
+[ ! -s err ] || fail "report -q says something"
 for file in report.md results.csv report.html; do [ -s page/$file ] || fail "no $file"; done
 [ "$(wc -l <page/results.csv)" -eq 13 ] || fail "the CSV has $(wc -l <page/results.csv) lines, expected 13"
 mean=$(ask "select printf('%.2f', avg(value)) from metric join cell using(key) where name='eval.psnr' and photos='noise' and defense='off'")

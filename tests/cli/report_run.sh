@@ -6,6 +6,7 @@ name='run <img src=x>&'
 expect 0 train scene/colmap -o "$name" --eval --iterations 60 --log-every 10 --eval-every 30 --max-gaussians 400 --max-memory 1G -q \
     --densify-from-iter 10 --densification-interval 10
 expect 0 report "$name" -o page -q
+[ ! -s err ] || fail "report -q says something"
 [ "$(ls page)" = report.html ] || fail "the folder has $(ls page)"
 expect 3 report "$name" -o none --max-memory 1M; says 'expected at least'
 [ ! -e none ] || fail "a report without memory left something"
@@ -43,7 +44,10 @@ grep -q -- '--eval<td>true<td>false$' $page || fail "a flag is missing"
 grep -q -- '--lambda<td>[0-9.]*<td>preset$' $page || fail "a value that the run found looks like a given one"
 
 # Runs next to each other.
-expect 0 compare "$name" "$name" --html both.html
+expect 0 report "$name" -o loud; says "page of $name written to loud/report.html"
+expect 0 compare "$name" "$name" --html both.html -q
+[ ! -s err ] || fail "compare -q says something"
+expect 0 compare "$name" "$name" --html both.html; says 'page of 2 runs written to both.html'
 [ ! -s out ] || fail "compare --html prints too"
 grep -q '<img src=x' both.html && fail "a name is an element of the comparison"
 [ "$(grep -c '<rect' both.html)" -ge 6 ] || fail "no bars"

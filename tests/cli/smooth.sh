@@ -4,6 +4,7 @@
 small_scene
 for filter in gaussian bilateral wavelet; do
     expect 0 smooth scene/blender --smooth $filter -o $filter -q
+    [ ! -s err ] || fail "smooth -q says something"
     expect 0 train scene/blender -o run_$filter $short --init-points 200 --smooth $filter
     expect 0 train $filter -o file_$filter $short --init-points 200
     cmp run_$filter/point_cloud/iteration_$end/point_cloud.ply file_$filter/point_cloud/iteration_$end/point_cloud.ply ||
@@ -17,7 +18,8 @@ cmp gaussian/test/r_0.png wavelet/test/r_0.png || fail "a test view is missing o
 expect 0 train gaussian -o held_out $(once $short --eval --init-points 200 --iterations 20)
 
 # COLMAP: JPEG, and the test views as they are.
-expect 0 smooth scene/colmap --views train --save png -o colmap -q
+expect 0 smooth scene/colmap --views train --save png -o colmap
+says "$(find colmap/images -type f | wc -l) photos written to colmap"
 [ -s colmap/images/view_0001.png ] && [ -n "$(ls colmap/sparse/0)" ] || fail "no COLMAP scene"
 expect 1 smooth scene/blender; says 'missing -o SMOOTHED'
 expect 1 smooth scene/blender --smooth off -o off; says '--smooth'
