@@ -93,15 +93,27 @@ static bool unify_option(json_t *list, size_t i)
     return has_value;
 }
 
-/* Options are in their only form from here on. */
-static int read_options(const struct reader *r, json_t *list, const char *where)
+static bool is_option(const char *word)
+{
+    return word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.' && word[1];
+}
+
+/* Options of a command, which are in their only form from here on. */
+static int read_options(const struct reader *r, json_t *list, const char *where,
+                        const struct command *command)
 {
     if (list && !json_is_array(list))
         return wrong(r, "%s: expected a list of options", where);
     for (size_t i = 0, at = 0; i < json_array_size(list); i++, at++) {
         if (!json_is_string(json_array_get(list, i)))
             return wrong(r, "%s[%zu]: expected a text", where, at);
-        i += unify_option(list, i);
+        const bool has_value = unify_option(list, i);
+        const char *word = json_string_value(json_array_get(list, i)), *near;
+        if (is_option(word) && !options_has(command, word, &near))
+            return wrong(r, "%s[%zu]: found %s, expected an option of %s%s%s%s", where, at, word,
+                         command->name, near ? "; did you mean --" : "", near ? near : "",
+                         near ? "?" : "");
+        i += has_value;
         const json_t *option = json_array_get(list, i);
         if (!strncmp(json_string_value(option), "{", 1) && !is_limit(option) &&
             strcmp(json_string_value(option), "{preset}") != 0)
@@ -114,11 +126,6 @@ static int read_options(const struct reader *r, json_t *list, const char *where)
                          json_string_value(option));
     }
     return STATUS_DONE;
-}
-
-static bool is_option(const char *word)
-{
-    return word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.' && word[1];
 }
 
 json_t *options_merge(const json_t *const *lists, int n)
@@ -249,7 +256,10 @@ static int add_scene(struct reader *r, const char *name)
             add_folder(whole, 0, &p);
         if (!p.files) {
             json_decref(config);
-            wrong(r, "scenes.%s: found no file in %s", name, path);
+            wrong(r,
+                  "scenes.%s: found no file in %s, expected the scene below the plan's folder or "
+                  "that of --data",
+                  name, path);
             return -1;
         }
         json_object_set_new(config, "path", json_string(whole));
@@ -552,9 +562,16 @@ static int check_scenes(const struct reader *r)
         if ((code =
                  check_keys(r, scene, where, "path|synth|layout|size|options|train|attack|preset")))
             return code;
-        static const char *const lists[] = {"synth", "size", "options", "train", "attack"};
+        static const struct {
+            const char *list;
+            const struct command *command;
+        } lists[] = {{"synth", &command_synth},
+                     {"size", &command_train},
+                     {"options", &command_train},
+                     {"train", &command_train},
+                     {"attack", &command_attack}};
         for (int i = 0; i < 5 && !code; i++)
-            code = read_options(r, json_object_get(scene, lists[i]), where);
+            code = read_options(r, json_object_get(scene, lists[i].list), where, lists[i].command);
         if (code)
             return code;
         if (json_object_get(scene, "preset") && !json_is_string(json_object_get(scene, "preset")))
@@ -583,9 +600,9 @@ static int check_lists(const struct reader *r, const char *table)
         if (json_is_object(value) && !strcmp(table, DEFENSES)) {
             code = check_keys(r, value, where, "train|prune|from");
             if (!code)
-                code = read_options(r, json_object_get(value, "train"), where);
+                code = read_options(r, json_object_get(value, "train"), where, &command_train);
             if (!code)
-                code = read_options(r, json_object_get(value, "prune"), where);
+                code = read_options(r, json_object_get(value, "prune"), where, &command_prune);
             const json_t *from = json_object_get(value, "from");
             if (!code && !json_object_get(value, "train") == !json_object_get(value, "prune"))
                 code = wrong(r, "%s: expected either train or prune; prune has the run of `from`",
@@ -597,7 +614,8 @@ static int check_lists(const struct reader *r, const char *table)
                  json_object_get(in(r->plan->root, table, json_string_value(from)), "prune")))
                 code = wrong(r, "%s.from: expected the name of a defense that trains", where);
         } else
-            code = read_options(r, value, where);
+            code = read_options(r, value, where,
+                                strcmp(table, "photos") ? &command_train : &command_attack);
         if (code)
             return code;
     }
@@ -647,9 +665,9 @@ static int read_plan(struct reader *r)
     if (!code)
         code = read_settings(r);
     if (!code)
-        code = read_options(r, json_object_get(p->root, "train"), "train");
+        code = read_options(r, json_object_get(p->root, "train"), "train", &command_train);
     if (!code)
-        code = read_options(r, json_object_get(p->root, "proxy"), "proxy");
+        code = read_options(r, json_object_get(p->root, "proxy"), "proxy", &command_train);
     if (!code)
         code = check_scenes(r);
     static const char *const switches[] = {"pictures", "audit", "alone"};

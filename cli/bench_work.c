@@ -755,9 +755,10 @@ int bench_run(const struct bench *b)
         code = wait_some(&s);
     if (code)
         stop_all(&s);
-    int waiting = 0;
+    int waiting = 0, failed = 0;
     for (int i = 0; i < b->plan->n; i++) {
         waiting += s.work[i].state == WAITING;
+        failed += s.work[i].state == FAILED;
         let_go(&s.work[i]);
         clear_outcome(&s.work[i].out);
     }
@@ -766,8 +767,11 @@ int bench_run(const struct bench *b)
             "%d jobs were done before, %d are done now, %d failed, %d need one of these, %d "
             "are left\n",
             had, s.done, s.failed, s.left, waiting);
+    const int before = failed - s.failed - s.left;
+    if (!code && before)
+        say(stderr, "%d jobs have failed before; --retry runs them again\n", before);
     free(s.work);
     if (!code && interrupted())
         return STATUS_INTERRUPTED;
-    return code;
+    return code ? code : failed ? STATUS_INPUT : STATUS_DONE;
 }

@@ -197,8 +197,9 @@ const struct command command_bench = {
     .description =
         "Runs the scenes, photos, defenses, models and seeds of PLAN, each as a process of its "
         "own, as many at a time as there are CPUs. Proxies and poisons are made once. A run that "
-        "crashes or takes too long is a row of the database. It can be stopped at any time: the "
-        "same command continues, and runs only what is missing or has changed. See docs/bench.md.",
+        "crashes or takes too long is a row of the database; the exit status is 2 then. It can be "
+        "stopped at any time: the same command continues, and runs only what is missing or has "
+        "changed. See docs/bench.md.",
     .options = bench_options,
     .config_size = sizeof(struct bench_config),
     .defaults = defaults,

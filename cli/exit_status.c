@@ -6,8 +6,9 @@
 const struct exit_meaning exit_meanings[] = {
     {STATUS_DONE, "done"},
     {STATUS_USAGE, "wrong command line; the message names the option"},
-    {STATUS_INPUT, "a file or folder is missing, malformed or not writable; the message names it "
-                   "and the place; or every Gaussian became transparent"},
+    {STATUS_INPUT,
+     "a file or folder is missing, malformed or not writable; the message names it "
+     "and the place; or every Gaussian became transparent; or a job of bench has failed"},
     {STATUS_BUDGET, "out of memory, or --max-memory or --max-vram is too little"},
     {STATUS_INTERNAL,
      "internal error: please report it; or the GPU was lost: train --resume goes on"},

@@ -82,8 +82,9 @@ size_t name_distance(const char *a, size_t n, const char *b)
     return row[m];
 }
 
-static int unknown(const struct command *c, const struct option_place *list, size_t count,
-                   const char *name, size_t n)
+/* The name that is most like another one, or NULL. */
+static const char *nearest(const struct option_place *list, size_t count, const char *name,
+                           size_t n)
 {
     const char *near = NULL;
     size_t best = 4;
@@ -94,6 +95,13 @@ static int unknown(const struct command *c, const struct option_place *list, siz
         if (d < best)
             best = d, near = other;
     }
+    return near;
+}
+
+static int unknown(const struct command *c, const struct option_place *list, size_t count,
+                   const char *name, size_t n)
+{
+    const char *near = nearest(list, count, name, n);
     say(stderr, "splatguard %s: unknown option %s%.*s", c->name, n > 1 ? "--" : "-", (int) n, name);
     const struct option_hint *hint = c->hints;
     while (hint && hint->name && name_distance(name, n, hint->name))
@@ -116,6 +124,26 @@ static size_t find(const struct option_place *list, size_t count, const char *na
             return i;
     }
     return count;
+}
+
+/* The name or letter of the option in a word: --name, --name=value, -j, -j2. Returns its length.
+ * text: the value in the same word, or NULL. */
+static size_t split_word(const char *word, const char **name, const char **text)
+{
+    const bool brief = word[1] != '-';
+    *name = word + (brief ? 1 : 2);
+    const char *equals = brief ? NULL : strchr(*name, '=');
+    *text = equals ? equals + 1 : brief && (*name)[0] && (*name)[1] ? *name + 1 : NULL;
+    return brief ? 1 : equals ? (size_t) (equals - *name) : strlen(*name);
+}
+
+bool options_has(const struct command *c, const char *word, const char **near)
+{
+    struct option_place list[OPTIONS_MAX];
+    const char *name, *text;
+    const size_t count = options_list(c, list), n = split_word(word, &name, &text);
+    *near = nearest(list, count, name, n);
+    return find(list, count, name, n) < count;
 }
 
 /* An option given twice is refused, since it is not clear which value was meant. Two rows with the
@@ -181,16 +209,12 @@ int options_parse(const struct command *c, int argc, char **argv, void *config,
             options_help(c, !strcmp(a, "--help-all"), stdout);
             return -1;
         }
-        const bool brief = a[1] != '-'; /* -w, -j 2, -j2 */
-        const char *name = a + (brief ? 1 : 2),
-                   *text = brief && name[1] ? name + 1 : strchr(name, '=');
-        const size_t n = brief ? 1 : text ? (size_t) (text - name) : strlen(name);
+        const char *name, *text;
+        const size_t n = split_word(a, &name, &text);
         const size_t found = find(list, options, name, n);
         if (found == options)
             return unknown(c, list, options, name, n);
         const struct sg_option *o = list[found].row;
-        if (!brief && text)
-            text++;
         if (o->type == SG_OPTION_FLAG) {
             if (text) {
                 say(stderr, "splatguard %s: --%s takes no value\n", c->name, o->name);

@@ -45,7 +45,7 @@ ask kept.db "delete from job where key in (select key from cell where defense='l
 cat >tiny-memory.json <<END
 $(sed 's/"timeout": "60s"/"memory": "1M"/' plan.json)
 END
-expect 0 bench tiny-memory.json -o kept.db -q
+expect 2 bench tiny-memory.json -o kept.db -q
 says 'took more memory than the limit of 1048576 bytes'
 [ "$(ask kept.db "select count(distinct key) from cell join job using(key) join metric using(key) where defense='off' and status='done' and name='eval.psnr'")" -eq 2 ] || fail "a result is lost"
 
@@ -114,24 +114,25 @@ says 'the same command continues'
 
 # What changed runs; what fails is a row.
 plan plan.json $n ', "bad": ["--rho", "7"]'
-expect 0 bench plan.json -o once.db -q
+expect 2 bench plan.json -o once.db -q
 says '8 jobs were done before, 0 are done now, 2 failed'
+grep -q 'have failed before' err && fail "what failed now has not failed before"
 [ "$(ask once.db "select count(*) from job where status='failed' and exit_status=1 and message like '%--rho%'")" -eq 2 ] || fail "no row for a failure"
-expect 0 bench plan.json -o once.db -q
-says '0 failed'
+expect 2 bench plan.json -o once.db -q
+says '0 failed'; says '2 jobs have failed before; --retry runs them again'
 # A scene in another layout is another scene, with other runs.
 sed 's/"synth": /"layout": "colmap", &/; s/"runs": .*/"runs": [{"scenes": ["s"], "photos": ["clean"], "defenses": ["off"], "models": ["default"], "seeds": [1]}]}/' plan.json >layout.json
 cp once.db layout.db
 expect 0 bench layout.json -o layout.db -q
 says '0 jobs were done before, 2 are done now'
 sed 's/"timeout": "60s"/"timeout": "1s"/; s/"'$n'"/"90000"/' plan.json >slow.json
-expect 0 bench slow.json -o slow.db -q --jobs 8
+expect 2 bench slow.json -o slow.db -q --jobs 8
 [ "$(ask slow.db "select count(*) from job where status='timeout'")" -ge 1 ] || fail "no row for a timeout"
 
 # An engine for all that draw, unless a defense has its own.
 other=${SG_TEST_ENGINE:-ref}
 sed 's/"engine": "[^"]*", //; s/"timeout"/"engine": "'"$other"'", &/; s/"half", "lg"/"half"/; s/"'$n'"/"4"/; s/\["--max-gaussians", "{clean\*0.5}"\]/["--engine", "cpu"]/' plan.json >engine.json
-expect 0 bench engine.json -o engine.db -q
+expect 2 bench engine.json -o engine.db -q
 engines="select group_concat(distinct engine) from job join cell using(key) where defense"
 of_off=$(ask engine.db "$engines='off'") of_half=$(ask engine.db "$engines='half'")
 [ "$of_off" != "$of_half" ] && { [ "$other" != ref ] || [ "$of_off" = ref ]; } &&
@@ -152,7 +153,7 @@ expect 0 bench "$PWD/spelled.json" --list --data ./../"${PWD##*/}"/. && cmp -s o
 
 # The proxy sees no photos that the attack does not.
 sed 's/"--method", "noise"/"--iterations", "9", "--views", "train"/' plan.json >views.json
-expect 0 bench views.json -o views.db -q
+expect 2 bench views.json -o views.db -q
 [ "$(ask views.db "select count(*) from job where kind='proxy' and status='done' and command like '%--eval%'")" -eq 1 ] || fail "the proxy has seen all photos"
 
 # Links in a scene's folder that lead around in circles are not followed.
@@ -236,7 +237,13 @@ expect 2 bench bad.json -o x.db; says 'scenes.s.layout: expected "blender" or "c
 sed 's/"timeout"/"alone": "yes", &/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'alone: expected true or false'
 sed 's/"synth".*/"path": "nowhere"}},/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere'
+expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere, expected the scene below the plan'; says 'that of --data'
+sed 's/"train": \["--iterations"/"train": ["--iteration"/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'train[0]: found --iteration, expected an option of train; did you mean --iterations?'
+sed 's/"--epsilon", "16"/"--eps=16", "-Z"/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'photos.noise[2]: found --eps, expected an option of attack; did you mean --epsilon?'
+sed 's/"--finetune", "5"/"--cap-max", "5"/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'defenses.lg[0]: found --cap-max, expected an option of prune'
 sed 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'photos.bad[1]: found {clean*2}, which only defenses can have'
 for limit in '{clean*-1}' '{clean*nan}' '{clean*0.5' '{claen}'; do
