@@ -52,8 +52,13 @@ static const char curve_before[] = CURVE(""); /* to which "upgrade" adds a colum
 
 static int failed(const struct store *s)
 {
-    say(stderr, "splatguard: %s: %s\n", s->path, sqlite3_errmsg(s->db));
-    return (sqlite3_errcode(s->db) & 0xff) == SQLITE_NOMEM ? STATUS_BUDGET : STATUS_INPUT;
+    const int result = sqlite3_errcode(s->db) & 0xff;
+    /* The number stays when another kind of error follows. */
+    const int reason =
+        result == SQLITE_CANTOPEN || result == SQLITE_IOERR ? sqlite3_system_errno(s->db) : 0;
+    say(stderr, "splatguard: %s: %s%s%s\n", s->path, sqlite3_errmsg(s->db), reason ? ": " : "",
+        reason ? strerror(reason) : "");
+    return result == SQLITE_NOMEM ? STATUS_BUDGET : STATUS_INPUT;
 }
 
 static int run(struct store *s, const char *sql)
