@@ -115,7 +115,7 @@ static int run_convert(const void *config, const bool *given, const char *const 
         say(stdout, "%s: %zu of %zu Gaussians, SH degree %d, %s\n", out, kept->count, before,
             c->file.format == SG_MODEL_SPLAT ? 0 : kept->sh_degree, /* it has colours only */
             sg_model_format_name(c->file.format));
-    const int status = report(ctx, error);
+    const int status = report_model(ctx, path, error);
     sg_model_destroy(&kept);
     sg_ctx_destroy(&ctx);
     return status;

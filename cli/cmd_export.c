@@ -35,6 +35,13 @@ static int run_export(const void *config, const bool *given, const char *const *
         return missing(&command_export, "--view-independent, the only way of export so far");
     interrupt_catch();
     int code = model_views_open(&v, positional[0], &command_export, given, c, &c->m);
+    if (!code && sg_model_gaussians(v.model) == v.model->count) {
+        say(stderr,
+            "splatguard export: %s: found Gaussians, expected anchors (train --model scaffold); "
+            "convert writes such a model\n",
+            positional[0]);
+        code = STATUS_INPUT;
+    }
     if (!code) {
         int error = sg_output_check_file(v.ctx, out);
         if (!error)
@@ -45,7 +52,7 @@ static int run_export(const void *config, const bool *given, const char *const *
             error = SG_ERR_INTERRUPTED;
         if (!error)
             error = sg_model_write(v.ctx, baked, out, NULL);
-        code = report(v.ctx, error);
+        code = report_model(v.ctx, positional[0], error);
     }
     if (!code && !c->m.quiet)
         say(stdout,

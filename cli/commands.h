@@ -68,6 +68,9 @@ void say_limit(const char *message);
 /* The same as report for a check of parameters, whose error names the field of an option. */
 int report_option(const sg_ctx *ctx, const struct command *command, int error);
 
+/* The same for what is done with a model that is read: the path replaces its word for it. */
+int report_model(const sg_ctx *ctx, const char *path, int error);
+
 /* A context that logs warnings to stderr (info too unless quiet). Returns an exit code. */
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet);
 /* The same, and a limit on the memory of a device. */

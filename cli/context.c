@@ -71,6 +71,16 @@ int report_option(const sg_ctx *ctx, const struct command *command, int error)
     return exit_code(error);
 }
 
+int report_model(const sg_ctx *ctx, const char *path, int error)
+{
+    static const char start[] = "model: ";
+    const char *message = error ? sg_last_error(ctx) : "";
+    if (error != SG_ERR_INPUT || strncmp(message, start, strlen(start)) != 0)
+        return report(ctx, error);
+    say(stderr, "splatguard: %s: %s\n", path, message + strlen(start));
+    return exit_code(error);
+}
+
 static void log_line(void *priv, enum sg_log_level level, const char *message)
 {
     (void) priv;

@@ -52,7 +52,7 @@ expect 0 convert run other.ply --crop=0,-9,-9,9,9,9 -q
 expect 0 convert run opaque.ply --min-opacity 0.015 --sh-degree 0 -q
 [ "$(count opaque.ply)" -lt "$all" ] || fail "no Gaussian was left out"
 expect 0 info opaque.ply --json; [ "$(number sh_degree)" = 0 ] || fail "degree $(number sh_degree)"
-expect 2 convert run none.ply --crop 50,50,50,51,51,51; says 'found none of'
+expect 2 convert run none.ply --crop 50,50,50,51,51,51; says "$model: found none of $all Gaussians"
 [ ! -e none.ply ] || fail "a file of no Gaussian"
 
 # What is wrong is said before anything is read.
