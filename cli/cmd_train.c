@@ -121,9 +121,16 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
         run->train.engine = p->train.engine, run->train.cpu = NULL;
     if (p->train.cpu)
         run->train.cpu = p->train.cpu;
-    if (p->train.iterations > run->train.iterations &&
-        options_given(t, given, T(run.train.iterations)))
+    if (options_given(t, given, T(run.train.iterations))) {
+        if (p->train.iterations < run->train.iterations) {
+            say(stderr,
+                "splatguard train: --iterations: found %d, expected at least %d, those of the "
+                "run\n",
+                p->train.iterations, run->train.iterations);
+            return STATUS_USAGE;
+        }
         run->train.iterations = p->train.iterations;
+    }
     if (options_given(t, given, T(run.max_memory)))
         run->max_memory = p->max_memory;
     if (options_given(t, given, T(run.max_vram)))

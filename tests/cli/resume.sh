@@ -23,7 +23,7 @@ reached=$(sed -n 's/.*"iterations": \([0-9]*\).*/\1/p' cut/summary.json)
 # What would change the result is refused.
 expect 1 train --resume cut --lambda-dssim 0.5; says '--lambda-dssim: found 0.5, but the run has 0.2'
 expect 1 train --resume cut --white-background; says '--white-background: found on, but the run has off'
-expect 1 train --resume cut --iterations 50; says '--iterations'
+expect 1 train --resume cut --iterations 50; says '--iterations: found 50, expected at least 6000, those of the run'
 expect 1 train --resume cut --force; says 'exclude each other'
 
 # The end comes at once from here: both runs stop some iterations later.
