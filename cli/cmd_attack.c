@@ -10,6 +10,7 @@
 struct attack_config {
     struct sg_attack_run_params run;
     bool resume, force, quiet;
+    bool unnamed; /* the scene is the one that the attack names */
     int threads;
 };
 
@@ -140,6 +141,7 @@ static int adopt_attack(struct attack_config *c, const bool *given, const char *
         run->max_vram = p->max_vram;
     if (p->folder && argument && take_scene(&command_attack, argument, &p->source))
         return STATUS_USAGE;
+    c->unnamed = !p->source;
     run->source = p->source = p->source ? p->source : run->source;
     run->proxy = p->proxy = p->proxy ? p->proxy : run->proxy;
     return options_conflict(&command_attack, given, &now, c);
@@ -194,6 +196,8 @@ static int attack(sg_ctx *ctx, struct attack_config *c)
     if (p.status.finished)
         say(stderr, "%s: the attack is finished; --force replaces it\n", c->run.folder);
     report_option(ctx, &command_attack, error);
+    if (error && c->unnamed)
+        say_moved(c->run.source);
     if (error && p.status.resumable)
         say_resume("attack", c->run.folder);
     return exit_code(error);
@@ -205,7 +209,9 @@ static int run_attack(const void *config, const bool *given, const char *const *
     struct attack_config c = *(const struct attack_config *) config;
     sg_ctx *ctx = NULL;
     int code = 0;
-    if (c.resume)
+    if (count > 1)
+        code = refuse_second(&command_attack, c.resume, positional);
+    else if (c.resume)
         code = adopt_attack(&c, given, count ? positional[0] : NULL);
     else if (count)
         code = take_scene(&command_attack, positional[0], &c.run.source);
@@ -236,6 +242,6 @@ const struct command command_attack = {
     .parts = attack_parts,
     .config_size = sizeof(struct attack_config),
     .defaults = defaults,
-    .max_positional = 1,
+    .max_positional = 2, /* to say what is wrong with the second */
     .run = run_attack,
 };

@@ -71,7 +71,8 @@ static int say_result(const struct prune_config *c, const struct sg_prune_result
     return STATUS_DONE;
 }
 
-static int prune(sg_ctx *ctx, struct prune_config *c, const char *path)
+/* own_scene: what the run names, or NULL. */
+static int prune(sg_ctx *ctx, struct prune_config *c, const char *path, const char *own_scene)
 {
     struct sg_model *model = NULL, *pruned = NULL;
     struct sg_scene *scene = NULL;
@@ -98,7 +99,11 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path)
     sg_scene_destroy(&scene);
     if (error == SG_ERR_INTERRUPTED)
         progress_break(&progress);
-    return error ? report_option(ctx, &command_prune, error) : say_result(c, &result, left);
+    const int code =
+        error ? report_option(ctx, &command_prune, error) : say_result(c, &result, left);
+    if (error && c->scene_path == own_scene)
+        say_moved(c->scene_path);
+    return code;
 }
 
 /* A run knows how long its model was trained, and on which photos. */
@@ -149,7 +154,7 @@ static int run_prune(const void *config, const bool *given, const char *const *p
     c->scene.eval = c->eval || (is_run && run.scene.eval);
     c->prune.cpu = cpu_variant(c->prune.cpu);
     if (!code)
-        code = prune(ctx, c, path);
+        code = prune(ctx, c, path, run.source);
     sg_ctx_destroy(&ctx);
     sg_run_params_clear(&run);
     return code;

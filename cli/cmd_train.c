@@ -9,6 +9,7 @@
 struct train_config {
     struct sg_run_params run;
     bool resume, force, quiet, view;
+    bool unnamed; /* the scene is the one that the run names */
     int threads, port, published;
 };
 
@@ -112,6 +113,7 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     sg_ctx_destroy(&ctx);
     if (code)
         return code;
+    c->unnamed = !p->source;
     run->source = p->source ? p->source : run->source;
     run->scene.follow_links = p->scene.follow_links; /* permission is given anew for each run */
     run->scene.strict = p->scene.strict;
@@ -191,6 +193,8 @@ static int train(sg_ctx *ctx, struct train_config *c, struct train_view *view)
         const int code = report_option(ctx, &command_train, error);
         if (start == SG_RUN_NEW && strstr(sg_last_error(ctx), "found an earlier run"))
             say(stderr, "--resume continues it, --force replaces it\n");
+        if (c->unnamed)
+            say_moved(c->run.source);
         return code;
     }
     sg_run_status(run, &s);
@@ -224,7 +228,9 @@ static int run_train(const void *config, const bool *given, const char *const *p
     sg_ctx *ctx = NULL;
     struct train_view *view = NULL;
     int code = 0;
-    if (c.resume)
+    if (count > 1)
+        code = refuse_second(&command_train, c.resume, positional);
+    else if (c.resume)
         code = adopt_run(&c, given, count ? positional[0] : NULL);
     else if (count)
         code = take_scene(&command_train, positional[0], &c.run.source);
@@ -264,6 +270,6 @@ const struct command command_train = {
     .hints = train_hints,
     .config_size = sizeof(struct train_config),
     .defaults = defaults,
-    .max_positional = 1,
+    .max_positional = 2, /* to say what is wrong with the second */
     .run = run_train,
 };

@@ -71,6 +71,7 @@ static int load_scene(struct viewed *v, struct model_options *o, bool named)
     if (!error || named || error == SG_ERR_INTERRUPTED)
         return report(v->ctx, error);
     say(stderr, "warning: %s; the photos are not shown\n", sg_last_error(v->ctx));
+    say_moved(o->scene_path);
     return STATUS_DONE;
 }
 

@@ -25,6 +25,13 @@ extern const struct command command_train, command_eval, command_render, command
  * exit code. */
 int take_scene(const struct command *c, const char *place, const char **source);
 
+/* For a command that takes one place and goes on by --resume: the command line has two. Returns an
+ * exit code. */
+int refuse_second(const struct command *c, bool resume, const char *const *positional);
+
+/* Of a scene that only the run names: if it is not there, hints at the option. */
+void say_moved(const char *scene);
+
 /* Prints the command that continues an interrupted run. */
 void say_resume(const char *command, const char *folder);
 

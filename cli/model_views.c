@@ -134,8 +134,12 @@ int model_views_load(struct model_views *v, const struct command *command, const
     if (!error)
         error = sg_renderer_create(v->ctx, o->engine, cpu_variant(o->cpu), v->model, &o->render,
                                    &v->renderer);
-    if (error)
-        return report(v->ctx, error);
+    if (error) {
+        code = report(v->ctx, error);
+        if (!o->cameras && o->scene_path == v->run.source)
+            say_moved(o->scene_path);
+        return code;
+    }
     if (o->cameras)
         v->views = v->cameras, v->n = v->n_cameras;
     else {

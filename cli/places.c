@@ -19,6 +19,25 @@ int take_scene(const struct command *c, const char *place, const char **source)
     return STATUS_DONE;
 }
 
+int refuse_second(const struct command *c, bool resume, const char *const *positional)
+{
+    if (resume)
+        say(stderr,
+            "splatguard %s: --resume: found \"%s\" and \"%s\", expected one folder; -s SCENE names "
+            "the place of a scene that has moved\n",
+            c->name, positional[0], positional[1]);
+    else
+        say(stderr, "splatguard %s: unexpected argument \"%s\"\n", c->name, positional[1]);
+    return STATUS_USAGE;
+}
+
+void say_moved(const char *scene)
+{
+    if (access(scene, F_OK))
+        say(stderr, "this is where the scene was; if it has moved, name its place with -s "
+                    "SCENE\n");
+}
+
 bool is_folder(const char *path)
 {
     struct stat st;

@@ -50,6 +50,10 @@ says 'attack --resume cut'
 [ ! -e cut/poison.json ] || fail "an unfinished attack looks finished"
 reached=$(sed -n '$s/{"iteration":\([0-9]*\).*/\1/p' cut/attack/log.jsonl)
 expect 1 attack --resume cut --epsilon 8; says '--epsilon'
+mv scene moved
+expect 2 attack --resume cut -q; says 'if it has moved, name its place with -s SCENE'
+expect 1 attack moved/blender --resume cut; says '-s SCENE names the place of a scene that has moved'
+mv moved scene
 sed -i "s/\"iterations\": 20000/\"iterations\": $((reached + after))/" cut/attack/config.json
 (cd scene && "$tool" attack --resume ../cut --quiet) || fail "resumed from another folder"
 [ -s cut/attack/decoy.ply ] || fail "a resumed attack has forgotten --keep-decoy"

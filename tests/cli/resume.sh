@@ -41,7 +41,16 @@ done
 
 # More iterations can be asked for, and the scene may have moved.
 mv scene moved
-expect 2 train --resume cut --iterations $((reached + half + 10)) --quiet
+hint='if it has moved, name its place with -s SCENE'
+expect 2 train --resume cut --iterations $((reached + half + 10)) --quiet; says "$hint"
+expect 2 eval cut -q; says "$hint"
+expect 2 render cut -o images -q; says "$hint"
+expect 2 prune cut -o pruned.ply -q; says "$hint"
+expect 2 eval cut -q --scene nowhere; grep -qF "$hint" err && fail "a hint at what was named"
+expect 2 train --resume cut -s nowhere -q; grep -qF "$hint" err && fail "a hint at what was named"
+expect 1 train moved/blender --resume cut
+says '--resume: found "moved/blender" and "cut", expected one folder; -s SCENE names the place of a scene that has moved'
+expect 1 train moved/blender cut -o x; says 'unexpected argument "cut"'
 expect 0 train moved/blender -o cut --resume --iterations $((reached + half + 10)) --quiet
 [ -s cut/point_cloud/iteration_$((reached + half + 10))/point_cloud.ply ] || fail "--iterations is not raised"
 grep -q "\"iterations\": $((reached + half + 10))" cut/config.json || fail "config.json keeps the old end"

@@ -103,6 +103,7 @@ python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a s
 end
 mv scene gone
 begin run
-grep -q 'the photos are not shown' view.err || fail "no word about the lost scene: $(cat view.err)"
+grep -q 'the photos are not shown' view.err && grep -q 'if it has moved, name its place with -s SCENE' view.err ||
+    fail "no word about the lost scene: $(cat view.err)"
 python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a run without its scene"
 end
