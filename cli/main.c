@@ -2,6 +2,7 @@
 #include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -152,13 +153,22 @@ static int unknown_shell(const char *name)
     return STATUS_USAGE;
 }
 
-/* Output that could not be written is a failure too. */
+/* Nobody reads the other end of a pipe any more. */
+static bool is_reader_gone(void)
+{
+    struct pollfd out = {.fd = STDOUT_FILENO, .events = POLLOUT};
+    return poll(&out, 1, 0) == 1 && out.revents & POLLERR;
+}
+
+/* Output that could not be written is a failure too, of which `| head` needs no message. */
 static int flushed(int code)
 {
     errno = 0;
     if (!fflush(stdout) && !ferror(stdout))
         return code;
-    say(stderr, "splatguard: standard output: cannot write: %s\n", strerror(errno ? errno : EIO));
+    if (!is_reader_gone())
+        say(stderr, "splatguard: standard output: cannot write: %s\n",
+            strerror(errno ? errno : EIO));
     return code ? code : STATUS_INPUT;
 }
 

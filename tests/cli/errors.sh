@@ -22,7 +22,10 @@ expect 2 eval empty --scene scene/blender; says point_cloud
 : >file
 expect 2 train scene/blender -o file/run $short --init-points 300; says file
 expect 2 render run -o file/images; says file
-[ -w /dev/full ] && { "$tool" info $model >/dev/full 2>err; [ $? = 2 ] || fail "a full device is not noticed"; }
+[ -w /dev/full ] && { "$tool" info $model >/dev/full 2>err; [ $? = 2 ] || fail "a full device is not noticed"; says 'No space left'; }
+# A reader that goes away, as head does, needs no message.
+(sleep 0.5; "$tool" help --markdown 2>err; echo $? >status) | true
+[ "$(cat status)" = 2 ] && [ ! -s err ] || fail "a closed pipe: exit code $(cat status), $(cat err)"
 
 # Photos are never overwritten, nor other people's folders used.
 sum=$(cat scene/blender/*/*.png | cksum)
