@@ -268,7 +268,7 @@ int sg_attack_write(struct attack_run *r)
     }
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);
-    const double n = t.poisoned ? (double) t.poisoned : 1;
+    const double n = t.poisoned ? (double) t.poisoned : NAN; /* of none: null */
     json_t *growth = json_array();
     if (r->attack && sg_run_log_read(r->ctx, r->log.path, add_growth, growth))
         sg_clear_error(r->ctx); /* the curve then has a gap */
@@ -281,7 +281,7 @@ int sg_attack_write(struct attack_run *r)
     PUT("poisoned_images", json_integer((json_int_t) t.poisoned));
     PUT("clean_images",
         json_integer((json_int_t) (r->scene->n_train + r->scene->n_test - t.poisoned)));
-    PUT("linf_max", sg_number_json(t.linf));
+    PUT("linf_max", sg_number_json(t.poisoned ? t.linf : NAN));
     PUT("psnr_mean", sg_number_json(t.psnr / n));
     PUT("tv_before_mean", sg_number_json(t.before / n));
     PUT("tv_after_mean", sg_number_json(t.after / n));

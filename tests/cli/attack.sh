@@ -128,6 +128,9 @@ for image in drift/images/*; do
     cmp "$image" "other/images/${image##*/}" || fail "another number of threads, another drift"
     cmp -s "$image" "wave/images/${image##*/}" && fail "the wavelength has no effect"
 done
+expect 0 attack scene/colmap -o none $options --method noise --ratio 0
+grep -q '"poisoned_images": 0' none/poison.json && [ "$(grep -cE '"(linf_max|psnr_mean|tv_before_mean|tv_after_mean)": null' none/poison.json)" = 4 ] ||
+    fail "numbers of no image: $(grep -E 'linf_max|mean' none/poison.json)"
 # A bound that follows the texture.
 expect 0 attack scene/colmap -o textured $options --method noise --save png --texture 20
 grep -q '"texture": 20.0' textured/poison.json || fail "poison.json lacks the texture"
