@@ -138,6 +138,11 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     struct photo_folder *photos = NULL;
     const bool alone = is_photo_folder(positional[0]);
     int code = alone ? check_photo_options(config, given, positional[0]) : STATUS_DONE;
+    if (is_photo(positional[0])) {
+        say(stderr, "splatguard audit: %s: found a photo, expected a scene or a folder of photos\n",
+            positional[0]);
+        code = STATUS_INPUT;
+    }
     if (!code)
         code = open_context(&ctx, c.threads, c.max_memory, c.quiet);
     if (code)
@@ -150,6 +155,9 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     interrupt_catch();
     int error = alone ? photo_folder_load(ctx, positional[0], &c.scene, &photos, &scene)
                       : sg_scene_load(ctx, positional[0], &c.scene, &scene);
+    if (!error && alone && !c.quiet)
+        say(stderr, "%s: %zu photo%s without cameras\n", positional[0], scene->n_train,
+            scene->n_train == 1 ? "" : "s");
     if (!error)
         error = sg_audit_scene(ctx, scene, &audit);
     if (error)

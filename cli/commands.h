@@ -78,6 +78,9 @@ int report_option(const sg_ctx *ctx, const struct command *command, int error);
 /* The same for what is done with a model that is read: the path replaces its word for it. */
 int report_model(const sg_ctx *ctx, const char *path, int error);
 
+/* While it is held, nothing is logged. */
+void hold_log(bool hold);
+
 /* A context that logs warnings to stderr (info too unless quiet). Returns an exit code. */
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet);
 /* The same, and a limit on the memory of a device. */

@@ -81,9 +81,18 @@ int report_model(const sg_ctx *ctx, const char *path, int error)
     return exit_code(error);
 }
 
+static bool held;
+
+void hold_log(bool hold)
+{
+    held = hold;
+}
+
 static void log_line(void *priv, enum sg_log_level level, const char *message)
 {
     (void) priv;
+    if (held)
+        return;
     fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "",
             level == SG_LOG_WARN ? "warning: " : "", message); /* which is printable */
 }

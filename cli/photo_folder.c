@@ -34,6 +34,12 @@ static bool is_photo_name(const char *name)
     return is;
 }
 
+bool is_photo(const char *path)
+{
+    struct stat st;
+    return is_photo_name(path) && !stat(path, &st) && S_ISREG(st.st_mode);
+}
+
 static bool has(const char *folder, const char *name)
 {
     char path[PATH_MAX];
@@ -152,8 +158,10 @@ int photo_folder_load(sg_ctx *ctx, const char *path, const struct sg_scene_param
         sg_scene_builder_keep_photos(builder, 0);
     for (size_t i = 0; i < f->n && !code; i++)
         code = add_photo(ctx, builder, &f->photos[i], i);
+    hold_log(true); /* it says what cameras and points there are, and are not */
     if (!code)
         code = sg_scene_builder_finish(&builder, scene);
+    hold_log(false);
     sg_scene_builder_destroy(&builder);
     return code;
 }

@@ -8,6 +8,9 @@
 /* Whether a folder has photos itself, and no file or folder by which a scene is recognised. */
 bool is_photo_folder(const char *path);
 
+/* Whether a path is that of a file with the name of a photo. */
+bool is_photo(const char *path);
+
 struct photo_folder;
 
 /* Its photos by name as training views, at their own size; their cameras say nothing. Photos are

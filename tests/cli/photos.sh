@@ -14,6 +14,11 @@ tr -d ' \n' <out | grep -q '"name":"[^"]*\.png"' || fail "photos have other name
 expect 0 audit 'my photos' --report page.html -q --max-memory 64M
 grep -q '<img' page.html || fail "a page without photos"
 grep -q '<h1>my photos' page.html || fail "the page does not name the folder: $(grep '<h1>' page.html)"
+expect 0 audit 'my photos'; says "my photos: $(find 'my photos' -type f -name '*.png' | wc -l) photos without cameras"
+grep -q 'memory scene\|extent' err && fail "photos are called a scene"
+mkdir one && cp "$(find 'my photos' -type f -name '*.png' | head -n 1)" one/a.png
+expect 0 audit one; says 'one: 1 photo without'; grep -q 'training cameras' err && fail "a warning about cameras that are none"
+expect 2 audit one/a.png; says 'one/a.png: found a photo, expected a scene or a folder of photos'
 expect 1 audit 'my photos' --downscale 2; says '--downscale: found without effect on my photos'
 echo 'no photo' >'my photos/zz.JPG'
 expect 2 audit 'my photos'; says 'my photos/zz.JPG'
