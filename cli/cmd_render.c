@@ -287,6 +287,8 @@ static int run_render(const void *config, const bool *given, const char *const *
                                              (const char *[]){positional[0], from, NULL}, &output));
     if (!code)
         code = model_views_load(&v, &command_render, given, c, &c->m);
+    if (code && v.run.folder && !c->m.cameras && from && access(from, F_OK))
+        say(stderr, "--cameras %s/cameras.json needs no scene\n", positional[0]);
     if (!code)
         code = refuse_photos(&v, c->output);
     if (!code && c->path)

@@ -29,7 +29,7 @@ int take_scene(const struct command *c, const char *place, const char **source);
  * exit code. */
 int refuse_second(const struct command *c, bool resume, const char *const *positional);
 
-/* Of a scene that only the run names: if it is not there, hints at the option. */
+/* Of a scene that only the run names, if it does: if it is not there, hints at the option. */
 void say_moved(const char *scene);
 
 /* Prints the command that continues an interrupted run. */

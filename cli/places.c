@@ -33,7 +33,7 @@ int refuse_second(const struct command *c, bool resume, const char *const *posit
 
 void say_moved(const char *scene)
 {
-    if (access(scene, F_OK))
+    if (scene && access(scene, F_OK))
         say(stderr, "this is where the scene was; if it has moved, name its place with -s "
                     "SCENE\n");
 }

@@ -28,6 +28,7 @@ expect 1 render run -o photos --path ellipse --frames 0; says frames
 
 # Without the scene and its photos: the cameras that the run has kept.
 mv scene moved
+expect 2 render run -o kept; says '--cameras run/cameras.json needs no scene'
 expect 0 render run --cameras run/cameras.json -o kept -q
 for view in views/*.png; do
     cmp "$view" "kept/$(basename "$view")" || fail "a camera of cameras.json draws another picture"
