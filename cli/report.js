@@ -31,12 +31,12 @@ function element(parent, name, attributes, text) {
     return e;
 }
 
+// At most eight, also where numbers are so large that adding a unit does not change them.
 function ticks(low, high) {
     const step = Math.pow(10, Math.floor(Math.log10((high - low) / 4 || 1)));
     const unit = [1, 2, 5, 10].map(k => k * step).find(u => (high - low) / u <= 6);
-    const list = [];
-    for (let v = Math.ceil(low / unit) * unit; v <= high + 1e-9 * unit; v += unit) list.push(v);
-    return list;
+    const first = Math.ceil(low / unit);
+    return [0, 1, 2, 3, 4, 5, 6, 7].map(k => (first + k) * unit).filter(v => v <= high + 1e-9 * unit);
 }
 
 const short = v => Math.abs(v) >= 1e6 ? +(v / 1e6).toPrecision(4) + ' M' : Math.abs(v) >= 1e4 ? +(v / 1e3).toPrecision(4) + ' k'
