@@ -29,11 +29,17 @@ static void defaults(void *config)
     *(struct report_config *) config = (struct report_config){.m = model_options_default()};
 }
 
+/* Tables end early then, and are not kept. */
+static int cancelled(void)
+{
+    return interrupted() ? report(NULL, SG_ERR_INTERRUPTED) : STATUS_DONE;
+}
+
 static int put_markdown(FILE *f, const void *r)
 {
     fprintf(f, "# Report\n\n");
     put_tables(f, r, MARKDOWN);
-    return STATUS_DONE;
+    return cancelled();
 }
 
 static int put_values(FILE *f, const void *r)
@@ -45,7 +51,7 @@ static int put_values(FILE *f, const void *r)
 static int put_html(FILE *f, const void *r)
 {
     put_page(f, r);
-    return STATUS_DONE;
+    return cancelled();
 }
 
 static int write_file(const char *folder, const char *name, const void *what,
@@ -142,8 +148,8 @@ static int run_report(const void *config, const bool *given, const char *const *
         code = report_group(&r);
     if (!code)
         code = report_audits(&r);
-    if (!code && interrupted()) /* the files take no time */
-        code = report(NULL, SG_ERR_INTERRUPTED);
+    if (!code)
+        code = cancelled();
     if (!code)
         code = open_context(&ctx, 1, 0, c->m.quiet);
     if (!code)

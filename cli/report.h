@@ -32,13 +32,18 @@ struct result {
     int seed, alone;
     bool common;                      /* all that has results of its scene has one with this seed */
     double seconds, value[M_METRICS]; /* NAN: not known */
+    const struct result *next;        /* of its group */
 };
 
 /* The seeds of one scene, photos, defense and model. */
 struct group {
-    const struct result *first;
+    const struct result *first; /* others follow by `next` */
+    struct result *last;
     int cells, runs; /* asked for, done */
     double mean[M_METRICS], deviation[M_METRICS];
+    /* Means over the seeds that every group of the scene has; where there are none, over its own.
+     */
+    double common[M_METRICS];
     const char *why; /* a status other than done, or NULL */
 };
 
@@ -85,6 +90,7 @@ struct report {
     struct result *results;
     size_t n, capacity;
     struct group *groups;
+    const struct group **by_name; /* the groups, for report_find */
     size_t n_groups;
     json_t *plans;  /* by name */
     json_t *curves; /* key: list of [iteration, Gaussians, PSNR, instances, bytes] */
@@ -124,9 +130,6 @@ bool same_scene(const struct result *a, const struct result *b); /* and plan and
 /* The group with other photos or another defense, or NULL. */
 const struct group *report_find(const struct report *r, const struct group *like,
                                 const char *photos, const char *defense);
-
-/* The mean over the seeds that every group of the scene has; where there are none, over its own. */
-double report_common(const struct report *r, const struct group *g, enum report_metric m);
 
 /* Over the seeds of a group. */
 struct spread {

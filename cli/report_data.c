@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "interrupt.h"
 #include "page.h"
 #include "report.h"
 
@@ -340,11 +341,25 @@ bool same_scene(const struct result *a, const struct result *b)
     return !strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) && !strcmp(a->model, b->model);
 }
 
+static int compare_names(const struct result *a, const struct result *b)
+{
+    const char *const of_a[] = {a->scene, a->defense, a->photos, a->model, a->plan},
+                      *const of_b[] = {b->scene, b->defense, b->photos, b->model, b->plan};
+    int order = 0;
+    for (int k = 0; k < 5 && !order; k++)
+        order = strcmp(of_a[k], of_b[k]);
+    return order;
+}
+
 static bool is_alike(const struct result *a, const struct result *b)
 {
-    return !strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) &&
-           !strcmp(a->photos, b->photos) && !strcmp(a->defense, b->defense) &&
-           !strcmp(a->model, b->model);
+    return !compare_names(a, b);
+}
+
+static int by_name(const void *a, const void *b)
+{
+    return compare_names((*(const struct group *const *) a)->first,
+                         (*(const struct group *const *) b)->first);
 }
 
 static void add_to_group(struct group *g, const struct result *x)
@@ -374,19 +389,41 @@ static bool is_common(const struct report *r, const struct result *x)
     return runs == groups;
 }
 
+/* Means of the runs with seeds that all have; of all runs where there is none. */
+static void find_common(struct report *r)
+{
+    for (size_t i = 0; i < r->n_groups; i++) {
+        struct group *g = &r->groups[i];
+        int n = 0;
+        for (int m = 0; m < M_METRICS; m++)
+            g->common[m] = 0;
+        for (const struct result *x = g->first; x; x = x->next)
+            if (x->common && !strcmp(x->status, "done")) {
+                n++;
+                for (int m = 0; m < M_METRICS; m++)
+                    g->common[m] += x->value[m];
+            }
+        for (int m = 0; m < M_METRICS; m++)
+            g->common[m] = n ? g->common[m] / n : g->mean[m];
+    }
+}
+
 int report_group(struct report *r)
 {
     r->groups = calloc(r->n + 1, sizeof(*r->groups));
-    if (!r->groups)
+    r->by_name = calloc(r->n + 1, sizeof(struct group *));
+    if (!r->groups || !r->by_name)
         return no_memory();
-    for (size_t i = 0; i < r->n; i++) {
+    for (size_t i = 0; i < r->n && !interrupted(); i++) {
         struct group *g = r->groups;
         while (g < r->groups + r->n_groups && !is_alike(g->first, &r->results[i]))
             g++;
         if (g == r->groups + r->n_groups) {
             r->n_groups++;
             g->first = &r->results[i];
-        }
+        } else
+            g->last->next = &r->results[i];
+        g->last = &r->results[i];
         add_to_group(g, &r->results[i]);
     }
     for (size_t i = 0; i < r->n_groups; i++)
@@ -395,8 +432,14 @@ int report_group(struct report *r)
             g->mean[m] = g->runs ? g->mean[m] : NAN;
             g->deviation[m] = g->runs > 1 ? sqrt(g->deviation[m] / (g->runs - 1)) : NAN;
         }
-    for (size_t i = 0; i < r->n; i++)
+    for (size_t i = 0; i < r->n && !interrupted(); i++)
         r->results[i].common = is_common(r, &r->results[i]);
+    for (size_t i = 0; i < r->n_groups; i++)
+        r->by_name[i] = &r->groups[i];
+    if (!interrupted()) {
+        find_common(r);
+        qsort(r->by_name, r->n_groups, sizeof(*r->by_name), by_name);
+    }
     return STATUS_DONE;
 }
 
@@ -405,10 +448,10 @@ const struct group *report_find(const struct report *r, const struct group *like
 {
     struct result wanted = *like->first;
     wanted.photos = (char *) photos, wanted.defense = (char *) defense;
-    for (size_t i = 0; i < r->n_groups; i++)
-        if (is_alike(r->groups[i].first, &wanted))
-            return &r->groups[i];
-    return NULL;
+    const struct group group = {.first = &wanted}, *key = &group;
+    const struct group **found =
+        bsearch(&key, r->by_name, r->n_groups, sizeof(*r->by_name), by_name);
+    return found ? *found : NULL;
 }
 
 /* Of each run of a group the value of the run with its seed in another group, or its own value as a
@@ -436,17 +479,6 @@ static struct spread pair(const struct report *r, const struct group *of, const 
     return (struct spread){n ? sum / n : NAN, n > 1 ? sqrt(squares / (n - 1)) : NAN};
 }
 
-double report_common(const struct report *r, const struct group *g, enum report_metric m)
-{
-    double sum = 0;
-    int n = 0;
-    for (size_t i = 0; i < r->n; i++)
-        if (r->results[i].common && is_alike(&r->results[i], g->first) &&
-            !strcmp(r->results[i].status, "done"))
-            sum += r->results[i].value[m], n++;
-    return n ? sum / n : g->mean[m];
-}
-
 struct spread report_pairs(const struct report *r, const struct group *of, const struct group *to,
                            enum report_metric m)
 {
@@ -470,6 +502,7 @@ void report_clear(struct report *r)
         clear_result(&r->results[i]);
     free(r->results);
     free(r->groups);
+    free(r->by_name);
     report_clear_audits(r);
     json_decref(r->curves);
     json_decref(r->pictures);
