@@ -144,7 +144,9 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         code = STATUS_INPUT;
     }
     if (!code)
-        code = open_context(&ctx, c.threads, c.max_memory, c.quiet);
+        /* What decodes photos without a scene has a limit of its own: no more than one at a time.
+         */
+        code = open_context(&ctx, alone && c.max_memory ? 1 : c.threads, c.max_memory, c.quiet);
     if (code)
         return code;
     if (c.report && (code = report(ctx, sg_output_check_file(ctx, c.report)))) {

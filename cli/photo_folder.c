@@ -147,8 +147,9 @@ int photo_folder_load(sg_ctx *ctx, const char *path, const struct sg_scene_param
     if (!f)
         return SG_ERR_BUDGET;
     f->path = path, f->max_pixels = params->max_pixels;
-    int code = sg_ctx_create(
-        &f->ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = sg_mem_limit(ctx)});
+    /* The rest is for the pixels that a decoded photo becomes, less than half as many bytes. */
+    const uint64_t most = sg_mem_limit(ctx) / 3 * 2;
+    int code = sg_ctx_create(&f->ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = most});
     if (!code)
         code = list(f, params->follow_links) ? sg_scene_builder_create(ctx, params, &builder)
                                              : SG_ERR_BUDGET;
