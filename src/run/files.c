@@ -39,6 +39,14 @@ int sg_run_check_inside(sg_ctx *ctx, const char *run, const char *name)
     return code;
 }
 
+int sg_run_read_file(sg_ctx *ctx, const char *run, const char *name, uint64_t most, char **path,
+                     char **text, size_t *size)
+{
+    *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL, *size = 0;
+    const int code = *path ? sg_run_check_inside(ctx, run, name) : SG_ERR_BUDGET;
+    return code ? code : sg_file_read(ctx, *path, most, text, size);
+}
+
 bool sg_run_has_files(const char *folder)
 {
     DIR *d = opendir(folder);
@@ -74,12 +82,10 @@ static int parse(sg_ctx *ctx, const char *path, const char *what, const char *te
 
 int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char *what, json_t **out)
 {
-    char *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL;
-    size_t size = 0;
+    char *path, *text;
+    size_t size;
     *out = NULL;
-    int code = path ? sg_run_check_inside(ctx, run, name) : SG_ERR_BUDGET;
-    if (!code)
-        code = sg_file_read(ctx, path, JSON_BYTES, &text, &size);
+    int code = sg_run_read_file(ctx, run, name, JSON_BYTES, &path, &text, &size);
     if (!code)
         code = parse(ctx, path, what, text, size, out);
     if (!code)
@@ -92,12 +98,10 @@ int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char 
 int sg_run_read_large_json(sg_ctx *ctx, const char *run, const char *name, const char *what,
                            size_t bytes, void **room, json_t **out)
 {
-    char *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL;
-    size_t size = 0;
+    char *path, *text;
+    size_t size;
     *out = NULL, *room = NULL;
-    int code = path ? sg_run_check_inside(ctx, run, name) : SG_ERR_BUDGET;
-    if (!code)
-        code = sg_file_read(ctx, path, bytes, &text, &size);
+    int code = sg_run_read_file(ctx, run, name, bytes, &path, &text, &size);
     if (!code)
         code = sg_json_reserve(ctx, text, size, room);
     if (!code)

@@ -15,6 +15,10 @@ bool sg_run_has(sg_ctx *ctx, const char *run, const char *name);
  * is no run or no such file is no error: opening it reports that. */
 int sg_run_check_inside(sg_ctx *ctx, const char *run, const char *name);
 
+/* RUN/NAME, of at most so many bytes. *path: for messages. sg_free both, also after an error. */
+int sg_run_read_file(sg_ctx *ctx, const char *run, const char *name, uint64_t most, char **path,
+                     char **text, size_t *size);
+
 /* The folder holds files that are not hidden. Some systems put hidden files everywhere. */
 bool sg_run_has_files(const char *folder);
 

@@ -64,11 +64,10 @@ int sg_run_read_params(sg_ctx *ctx, const char *folder, struct sg_run_params *ou
  * understood. */
 static void read_cfg_args(sg_ctx *ctx, const char *run, struct sg_scene_params *scene)
 {
-    char *path = sg_strf(ctx, "%s/cfg_args", run), *text = NULL;
-    size_t size = 0;
+    char *path, *text;
+    size_t size;
     int n;
-    if (path && !sg_run_check_inside(ctx, run, "cfg_args") &&
-        !sg_file_read(ctx, path, CFG_ARGS_BYTES, &text, &size)) {
+    if (!sg_run_read_file(ctx, run, "cfg_args", CFG_ARGS_BYTES, &path, &text, &size)) {
         const char *resolution = strstr(text, "resolution=");
         scene->white_background = strstr(text, "white_background=True");
         scene->eval = !strstr(text, "eval=False");
