@@ -23,12 +23,13 @@ void sg_run_apply_preset(struct sg_run_params *p, const struct sg_defense_params
         p->train.tolerance = d->on && p->preset == SG_RUN_PRESET_AUTO ? SG_TOLERANCE_AUTO : 0;
 }
 
+static const char *const presets[] = {"auto", "ns", "tt", "mip"};
+
 /* The published rho and lambda; for auto, what holds without photos. */
 static struct sg_defense_params published(enum sg_run_preset preset)
 {
-    static const char *const names[] = {"auto", "ns", "tt", "mip"};
     struct sg_defense_params p = sg_defense_params_default();
-    sg_defense_preset(names[preset], &p);
+    sg_defense_preset(presets[preset], &p);
     return p;
 }
 
@@ -110,7 +111,6 @@ static int audit(sg_run *r, struct sg_defense_params *preset)
 /* What the photos decided is said, as the command line may not have it. */
 static void say_defense(const sg_run *r)
 {
-    static const char *const presets[] = {"auto", "ns", "tt", "mip"};
     const struct sg_run_params *p = &r->params;
     const struct sg_defense_params *d = &p->train.defense;
     size_t tolerated = 0;
