@@ -384,15 +384,12 @@ static int restore(sg_run *r)
     return code;
 }
 
-/* From points or a model. */
-static int create(sg_run *r)
+/* From points, or the model in the file `init`. */
+static int create(sg_run *r, const char *init)
 {
     const struct sg_run_params *p = &r->params;
     struct sg_model *initial = NULL;
-    char path[PATH_MAX];
-    int code = p->init ? sg_run_find_model(r->ctx, p->init, 0, path, sizeof(path)) : SG_OK;
-    if (!code && p->init)
-        code = sg_model_read(r->ctx, path, UINT32_MAX, &initial);
+    int code = p->init ? sg_model_read(r->ctx, init, UINT32_MAX, &initial) : SG_OK;
     if (!code && initial)
         code = sg_model_check(r->ctx, initial, p->init);
     r->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
@@ -411,13 +408,13 @@ static int create(sg_run *r)
     return code;
 }
 
-/* What a run goes on from or begins with, before photos are read in vain. */
-static int check_begin(sg_run *r)
+/* What a run goes on from or begins with, before photos are read in vain. init: the model's file.
+ */
+static int check_begin(sg_run *r, char init[PATH_MAX])
 {
     const struct sg_run_params *p = &r->params;
-    char path[PATH_MAX];
     if (!r->resume)
-        return p->init ? sg_run_find_model(r->ctx, p->init, 0, path, sizeof(path)) : SG_OK;
+        return p->init ? sg_run_find_model(r->ctx, p->init, 0, init, PATH_MAX) : SG_OK;
     if (sg_run_has(r->ctx, p->folder, "checkpoint.bin"))
         return SG_OK;
     return sg_fail(r->ctx, SG_ERR_INPUT,
@@ -428,11 +425,12 @@ static int check_begin(sg_run *r)
 static int open_run(sg_run *r, const struct sg_output_rules *rules)
 {
     const struct sg_run_params *p = &r->params;
+    char init[PATH_MAX];
     int code = sg_run_check(r->ctx, p);
     if (!code)
         code = sg_output_claim_by(r->ctx, p->folder, rules, &r->output);
     if (!code)
-        code = check_begin(r);
+        code = check_begin(r, init);
     if (!code)
         code = sg_scene_load(r->ctx, p->source, &p->scene, &r->scene);
     if (!code && p->scene.eval && !sg_views_used(r->scene->test, r->scene->n_test))
@@ -443,7 +441,7 @@ static int open_run(sg_run *r, const struct sg_output_rules *rules)
     if (!code)
         ask(r, NULL); /* before the trainer, which takes its time */
     if (!code)
-        code = r->resume ? restore(r) : create(r);
+        code = r->resume ? restore(r) : create(r, init);
     if (code || r->finished)
         return code;
     r->totals.max_gaussians = sg_trainer_gaussians(r->trainer);
