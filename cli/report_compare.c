@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Tables of a report that compare: with the paper, photos side by side, at equal count. */
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "interrupt.h"
@@ -85,9 +84,7 @@ void put_papers(FILE *f, const struct report *r, enum format format)
 /* What a table is of: a scene, or all scenes with one preset. */
 struct side {
     const struct result *first;
-    const char *preset;       /* or NULL */
-    const struct group **all; /* its groups, in their order */
-    size_t n;
+    const char *preset; /* or NULL */
 };
 
 static const char *preset_of(const struct report *r, const struct result *x)
@@ -117,11 +114,12 @@ struct scenes {
 };
 
 /* The scene, or the scenes with the preset that were to have a clean run without a defense. */
-static void find_scenes(const struct side *s, struct scenes *out)
+static void find_scenes(const struct report *r, const struct side *s, struct scenes *out)
 {
-    for (size_t i = 0; i < s->n && out->n < (s->preset ? SCENES : 1); i++) {
-        const struct group *g = s->all[i];
-        if (!s->preset || (!strcmp(g->first->photos, CLEAN) && !strcmp(g->first->defense, OFF)))
+    for (size_t i = 0; i < r->n_groups && out->n < (s->preset ? SCENES : 1); i++) {
+        const struct group *g = &r->groups[i];
+        if (is_of(r, s, g->first) &&
+            (!s->preset || (!strcmp(g->first->photos, CLEAN) && !strcmp(g->first->defense, OFF))))
             out->of[out->n++] = g;
     }
 }
@@ -172,13 +170,15 @@ static double mean_of(const struct report *r, const struct scenes *scenes, const
     return scenes->n ? sum / scenes->n : NAN;
 }
 
-/* Whether a group of the side is the first of its defense, or of its photos. */
-static bool begins(const struct side *s, size_t i, bool by_defense)
+static bool begins(const struct report *r, const struct side *s, size_t i, bool by_defense)
 {
-    const struct result *b = s->all[i]->first;
+    const struct result *b = r->groups[i].first;
+    if (!is_of(r, s, b))
+        return false;
     for (size_t k = 0; k < i; k++) {
-        const struct result *a = s->all[k]->first;
-        if (by_defense ? !strcmp(a->defense, b->defense) : !strcmp(a->photos, b->photos))
+        const struct result *a = r->groups[k].first;
+        if (is_of(r, s, a) &&
+            (by_defense ? !strcmp(a->defense, b->defense) : !strcmp(a->photos, b->photos)))
             return false;
     }
     return true;
@@ -190,9 +190,9 @@ static int find_photos(const struct report *r, const struct side *s, const struc
                        const char *photos[SIDES])
 {
     int n = 0;
-    for (size_t i = 0; i < s->n && n < SIDES; i++) {
-        const char *name = s->all[i]->first->photos;
-        if (begins(s, i, false) && (!s->preset || 2 * count_runs(r, all, name, OFF) > all->n))
+    for (size_t i = 0; i < r->n_groups && n < SIDES; i++) {
+        const char *name = r->groups[i].first->photos;
+        if (begins(r, s, i, false) && (!s->preset || 2 * count_runs(r, all, name, OFF) > all->n))
             photos[n++] = name;
     }
     return n;
@@ -208,7 +208,7 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
     const char *titles[SIDES + 1] = {"defense"}, **photos = titles + 1;
     struct scenes all = {.n = 0}, scenes;
     char title[320];
-    find_scenes(s, &all);
+    find_scenes(r, s, &all);
     const int n = find_photos(r, s, &all, photos);
     scenes = all;
     if (s->preset)
@@ -228,13 +228,13 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
                         ? "Most Gaussians, of the clean undefended run"
                         : parts[k].name);
         begin_table(f, format, titles, n + 1);
-        for (size_t i = 0; i < s->n && !interrupted(); i++) {
-            const char *defense = s->all[i]->first->defense;
+        for (size_t i = 0; i < r->n_groups && !interrupted(); i++) {
+            const char *defense = r->groups[i].first->defense;
             struct scenes of = scenes;
             double values[SIDES];
             char row[256];
             bool any = !s->preset; /* not all scenes may have a defense */
-            if (!begins(s, i, true))
+            if (!begins(r, s, i, true))
                 continue;
             if (s->preset)
                 select_scenes(r, &scenes, defense, photos, n, &of);
@@ -258,25 +258,16 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
 
 void put_sides(FILE *f, const struct report *r, enum format format)
 {
-    struct side s = {.all = calloc(r->n_groups + 1, sizeof(struct group *))};
-    bool *done = calloc(r->n_groups + 1, sizeof(*done));
-    for (int one = 0; one < 2 && s.all && done; one++) { /* means first */
-        memset(done, 0, r->n_groups * sizeof(*done));
+    for (int one = 0; one < 2; one++) /* means first */
         for (size_t i = 0; i < r->n_groups && !interrupted(); i++) {
             const struct result *x = r->groups[i].first;
-            s.first = x, s.preset = one ? NULL : preset_of(r, x), s.n = 0;
-            if (done[i] || (s.preset && !*s.preset))
-                continue;
-            for (size_t k = i; k < r->n_groups; k++)
-                if (!done[k] && is_of(r, &s, r->groups[k].first)) {
-                    done[k] = true;
-                    s.all[s.n++] = &r->groups[k];
-                }
-            put_side(f, r, format, &s);
+            const struct side s = {x, one ? NULL : preset_of(r, x)};
+            bool first = one || *s.preset;
+            for (size_t k = 0; k < i && first; k++)
+                first = !is_of(r, &s, r->groups[k].first);
+            if (first)
+                put_side(f, r, format, &s);
         }
-    }
-    free(s.all);
-    free(done);
 }
 
 /* ---- at equal count ---- */
