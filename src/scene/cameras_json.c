@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cameras of a cameras.json, as views without photos. The file is untrusted. */
+/* cameras.json: written of a scene, and read as views without photos. The file is untrusted. */
 #include <jansson.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,11 +7,64 @@
 #include "core/file.h"
 #include "core/json_text.h"
 #include "image/image.h"
+#include "scene/cameras.h"
 #include "scene/reader.h"
 #include "splatguard/model.h"
 
 #define CAMERAS_BYTES (256 << 20) /* a camera takes some 400 */
 #define NAME_BYTES 200            /* a file's name has at most 255, endings included */
+
+/* Camera to world, focal lengths for the size of the photo's file. NULL without memory. */
+static json_t *camera_json(const struct sg_view *v, int id)
+{
+    const struct sg_camera *c = &v->camera;
+    json_t *rotation = json_array(), *position = json_array();
+    bool whole = true;
+    double centre[3];
+    sg_camera_centre(c, centre);
+    for (int i = 0; i < 3; i++) {
+        whole &= !json_array_append_new(rotation,
+                                        json_pack("[f,f,f]", c->R[i], c->R[3 + i], c->R[6 + i]));
+        whole &= !json_array_append_new(position, json_real(centre[i]));
+    }
+    if (!whole) {
+        json_decref(rotation);
+        json_decref(position);
+        return NULL;
+    }
+    const double sx = (double) v->file_width / c->width, sy = (double) v->file_height / c->height;
+    json_t *camera =
+        json_pack("{s:i,s:o,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name",
+                  sg_text_to_json(v->name), "width", v->file_width, "height", v->file_height,
+                  "position", position, "rotation", rotation, "fy", c->fy * sy, "fx", c->fx * sx);
+    if (camera && (c->cx != c->width / 2.0 || c->cy != c->height / 2.0) &&
+        (json_object_set_new(camera, "cx", json_real(c->cx * sx)) ||
+         json_object_set_new(camera, "cy", json_real(c->cy * sy)))) {
+        json_decref(camera);
+        return NULL;
+    }
+    return camera;
+}
+
+int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path)
+{
+    sg_clear_error(ctx);
+    json_t *list = json_array();
+    for (size_t i = 0; i < scene->n_test + scene->n_train; i++)
+        json_array_append_new(
+            list,
+            camera_json(i < scene->n_test ? &scene->test[i] : &scene->train[i - scene->n_test],
+                        (int) i));
+    char *text = json_dumps(list, JSON_COMPACT);
+    int code = SG_ERR_BUDGET;
+    if (text && json_array_size(list) == scene->n_test + scene->n_train) {
+        code = sg_file_write(ctx, path, text, strlen(text));
+    } else
+        sg_fail(ctx, code, "%s: out of memory", path);
+    free(text);
+    json_decref(list);
+    return code;
+}
 
 static int expected(sg_ctx *ctx, const char *where, const char *key, const json_t *found,
                     const char *what)
@@ -21,11 +74,11 @@ static int expected(sg_ctx *ctx, const char *where, const char *key, const json_
                    sg_json_show(found, shown), what);
 }
 
-static int read_numbers(sg_ctx *ctx, const char *where, const char *key, const json_t *list,
-                        double *out, size_t n)
+static int read_three(sg_ctx *ctx, const char *where, const char *key, const json_t *list,
+                      double out[3])
 {
-    bool sound = json_array_size(list) == n;
-    for (size_t i = 0; i < n && sound; i++) {
+    bool sound = json_array_size(list) == 3;
+    for (size_t i = 0; i < 3 && sound; i++) {
         out[i] = json_number_value(json_array_get(list, i));
         sound = json_is_number(json_array_get(list, i));
     }
@@ -40,12 +93,12 @@ static int read_pose(sg_ctx *ctx, const char *where, const json_t *camera, struc
     int code =
         json_array_size(rows) == 3 ? SG_OK : expected(ctx, where, "rotation", rows, "3 rows");
     for (size_t i = 0; i < 3 && !code; i++) {
-        code = read_numbers(ctx, where, "rotation", json_array_get(rows, i), row, 3);
+        code = read_three(ctx, where, "rotation", json_array_get(rows, i), row);
         for (size_t k = 0; k < 3 && !code; k++)
             m[4 * i + k] = k ? -row[k] : row[k]; /* to OpenGL's axes */
     }
     if (!code)
-        code = read_numbers(ctx, where, "position", json_object_get(camera, "position"), centre, 3);
+        code = read_three(ctx, where, "position", json_object_get(camera, "position"), centre);
     for (size_t i = 0; i < 3 && !code; i++)
         m[4 * i + 3] = centre[i];
     return code ? code : sg_pose_from_opengl(ctx, m, where, shot->R, shot->t);
