@@ -227,36 +227,25 @@ cp once.db torn.db
 expect 2 bench plan.json -o once.db; says 'once.db: database disk image is malformed'
 cmp once.db torn.db || fail "a damaged database has changed"
 
-# Plans with mistakes.
+# Plans with mistakes: what sed makes of the plan, and what is said.
+mistake() { sed "$1" plan.json >bad.json; expect 2 bench bad.json -o x.db; says "$2"; }
 echo '{"scenes": 3' >bad.json; expect 2 bench bad.json -o x.db; says 'bad.json: line'
-sed 's/"off", "half"/"off", "helf"/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'runs[0].defenses[1]: found helf, expected a name of defenses'
-sed 's/"timeout"/"timeuot"/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'found "timeuot"'
-sed 's/"engine": "[^"]*", //; s/"timeout"/"engine": 1, &/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'engine: expected a text'
-sed 's/"synth"/"layout": "colmap3", &/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'scenes.s.layout: expected "blender" or "colmap"'
-sed 's/"timeout"/"alone": "yes", &/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'alone: expected true or false'
-sed 's/"synth".*/"path": "nowhere"}},/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere, expected the scene below the plan'; says 'that of --data'
-sed 's/"train": \["--iterations"/"train": ["--iteration"/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'train[0]: found --iteration, expected an option of train; did you mean --iterations?'
-sed 's/"--epsilon", "16"/"--eps=16", "-Z"/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'photos.noise[2]: found --eps, expected an option of attack; did you mean --epsilon?'
-sed 's/"--finetune", "5"/"--cap-max", "5"/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'defenses.lg[0]: found --cap-max, expected an option of prune'
-sed 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'photos.bad[1]: found {clean*2}, which only defenses can have'
+mistake 's/"off", "half"/"off", "helf"/' 'runs[0].defenses[1]: found helf, expected a name of defenses'
+mistake 's/"timeout"/"timeuot"/' 'found "timeuot"'
+mistake 's/"engine": "[^"]*", //; s/"timeout"/"engine": 1, &/' 'engine: expected a text'
+mistake 's/"synth"/"layout": "colmap3", &/' 'scenes.s.layout: expected "blender" or "colmap"'
+mistake 's/"timeout"/"alone": "yes", &/' 'alone: expected true or false'
+mistake 's/"synth".*/"path": "nowhere"}},/' 'scenes.s: found no file in ./nowhere, expected the scene below the plan'; says 'that of --data'
+mistake 's/"train": \["--iterations"/"train": ["--iteration"/' 'train[0]: found --iteration, expected an option of train; did you mean --iterations?'
+mistake 's/"--epsilon", "16"/"--eps=16", "-Z"/' 'photos.noise[2]: found --eps, expected an option of attack; did you mean --epsilon?'
+mistake 's/"--finetune", "5"/"--cap-max", "5"/' 'defenses.lg[0]: found --cap-max, expected an option of prune'
+mistake 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' 'photos.bad[1]: found {clean*2}, which only defenses can have'
 for limit in '{clean*-1}' '{clean*nan}' '{clean*0.5' '{claen}'; do
     sed "s/{clean\*0.5}/$limit/" plan.json >bad.json
     expect 2 bench bad.json -o x.db; says "found $limit, expected {clean}"
 done
-sed 's/"lg": {/"lg": {"train": [], /' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'defenses.lg: expected either train or prune'
-sed 's/"off": \[\]/"off": ["--max-gaussians", "{clean}"]/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'defenses.off: expected []'
+mistake 's/"lg": {/"lg": {"train": [], /' 'defenses.lg: expected either train or prune'
+mistake 's/"off": \[\]/"off": ["--max-gaussians", "{clean}"]/' 'defenses.off: expected []'
 sed 's/\["--method", "noise", "--epsilon", "16"\]/["--method"]/' plan.json >bad.json
 expect 0 bench bad.json --list
 [ ! -e x.db ] || fail "a bad plan made a database"
