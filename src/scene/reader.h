@@ -142,13 +142,16 @@ struct sg_scene_files {
     struct sg_folder dir;
     struct sg_scene_params params; /* without texts */
     struct sg_shots shots;
+    /* Every N-th photo by name is a test photo. In copies of the scene one that is skipped here is
+     * missing, and others would become test photos: none is skipped. */
+    bool counted;
 };
 /* NULL-safe; sets *files to NULL. */
 void sg_scene_files_destroy(struct sg_scene_files **files);
 
 /* views.c: decodes, undistorts and resamples the photo of every shot, in parallel. views: one a
  * shot, zeroed; it stays so where the photo or its mask cannot be decoded, unless params are
- * strict. lazy: takes the pixels; may be NULL. */
+ * strict or photos are counted. lazy: takes the pixels; may be NULL. */
 int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
                   const struct sg_scene_files *files, struct sg_lazy_photos *lazy,
                   struct sg_view *views);

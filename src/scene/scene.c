@@ -177,9 +177,7 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
     size_t rank = 0;
     for (size_t i = 0; i < shots->count; i++) /* readers sort the shots that they do not split */
         shots->items[i].split = sg_split(params, shots->items[i].split, &rank);
-    /* Every N-th photo by name is a test photo. In copies of the scene one that is skipped here is
-     * missing, and others would become test photos. */
-    files->params.strict |= rank > 0;
+    files->counted = rank > 0;
     if (!code && params->test_halves)
         code = halve_tests(ctx, path, params, format, shots);
     return code;
