@@ -2,10 +2,12 @@
 #include <inttypes.h>
 #include <limits.h>
 
-#include "commands.h"
+#include "info_scene.h"
 
 struct info_config {
+    struct sg_scene_params scene;
     bool json, devices;
+    int threads;
     uint64_t max_memory;
 };
 
@@ -14,13 +16,19 @@ static const struct sg_option info_options[] = {
              .group = "Output"),
     FLAG_ROW("devices", offsetof(struct info_config, devices),
              "List the engines, CPU variants and Vulkan devices.", .group = "Output"),
+    NUMBER_ROW("threads", SG_OPTION_INT, offsetof(struct info_config, threads), 0, 256, "T",
+               "Worker threads; 0 = one per CPU.", .group = "Output", .letter = 'j'),
     MEMORY_ROW(struct info_config, max_memory, .group = "Output"),
     {0},
 };
 
+static const struct option_part info_parts[] = {
+    {sg_scene_options, offsetof(struct info_config, scene), "test-halves|white-background|smooth"},
+    {0}};
+
 static void defaults(void *config)
 {
-    *(struct info_config *) config = (struct info_config){0};
+    *(struct info_config *) config = (struct info_config){.scene = sg_scene_params_default()};
 }
 
 static int print_json(const struct sg_model_info *i, uint64_t gaussians)
@@ -128,6 +136,27 @@ static int print_devices(bool json)
     return 0;
 }
 
+static int info_model(sg_ctx *ctx, const char *place, bool json)
+{
+    struct sg_model *model = NULL;
+    struct sg_model_info info;
+    char path[PATH_MAX];
+    int error = sg_run_find_model(ctx, place, 0, path, sizeof(path));
+    if (!error)
+        error = sg_model_read_drawable(ctx, path, UINT32_MAX, &model);
+    if (!error)
+        error = sg_model_inspect(ctx, model, &info);
+    int status = report(ctx, error);
+    if (!status && json)
+        status = print_json(&info, sg_model_gaussians(model));
+    else if (!status)
+        print_text(path, &info, sg_model_gaussians(model));
+    if (!status) /* printed in full, but of no use */
+        status = report(ctx, sg_model_check(ctx, model, path));
+    sg_model_destroy(&model);
+    return status;
+}
+
 static int run_info(const void *config, const bool *given, const char *const *positional, int count)
 {
     (void) given;
@@ -136,47 +165,38 @@ static int run_info(const void *config, const bool *given, const char *const *po
         say(stderr, "splatguard info: found %s and --devices, expected one of them\n",
             positional[0]);
     else if (!c->devices && !count)
-        say(stderr, "splatguard info: missing argument: a run, a model, or --devices\n");
+        say(stderr, "splatguard info: missing argument: a run, a model, a scene, or --devices\n");
     if (c->devices == (count > 0))
         return STATUS_USAGE;
     if (c->devices)
         return print_devices(c->json);
     sg_ctx *ctx;
-    struct sg_model *model = NULL;
-    struct sg_model_info info;
-    char path[PATH_MAX];
-    const int code = open_context(&ctx, 1, c->max_memory, true);
-    if (code)
-        return code;
-    int error = sg_run_find_model(ctx, positional[0], 0, path, sizeof(path));
-    if (!error)
-        error = sg_model_read_drawable(ctx, path, UINT32_MAX, &model);
-    if (!error)
-        error = sg_model_inspect(ctx, model, &info);
-    int status = report(ctx, error);
-    if (!status && c->json)
-        status = print_json(&info, sg_model_gaussians(model));
-    else if (!status)
-        print_text(path, &info, sg_model_gaussians(model));
-    if (!status) /* printed in full, but of no use */
-        status = report(ctx, sg_model_check(ctx, model, path));
-    sg_model_destroy(&model);
+    int status = open_context(&ctx, c->threads, c->max_memory, true);
+    if (status)
+        return status;
+    if (is_archive(positional[0]) || (is_folder(positional[0]) && !is_run_folder(positional[0])))
+        status = info_scene(ctx, positional[0], c->scene, c->json);
+    else
+        status = info_model(ctx, positional[0], c->json);
     sg_ctx_destroy(&ctx);
     return status;
 }
 
 const struct command command_info = {
     .name = "info",
-    .arguments = "RUN|MODEL [--json]  or  --devices",
-    .summary = "Says what is in a model and what is wrong with it.",
+    .arguments = "RUN|MODEL|SCENE [options]  or  --devices",
+    .summary = "Says what is in a model or a scene and what is wrong with it.",
     .description =
-        "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot "
-        "be read is refused with the place and the reason. Exit status 2 also for a model with "
-        "values that are not finite, which only convert to .ply takes too. With --devices: the "
-        "engines and CPU variants of this build, and whether this machine runs them; and the "
-        "devices that the engine vulkan finds, by number, name, driver and memory.",
-    .groups = "Output",
+        "Of a model: count, SH degree, bounds and percentiles of scale and opacity. A file that "
+        "cannot be read is refused with the place and the reason. Exit status 2 also for a model "
+        "with values that are not finite, which only convert to .ply takes too. Of a scene: its "
+        "layout, views, sizes, masks, points and cameras, as train would load them; photos that "
+        "would be skipped are warnings. With --devices: the engines and CPU variants of this "
+        "build, and whether this machine runs them; and the devices that the engine vulkan finds, "
+        "by number, name, driver and memory.",
+    .groups = "Output|Scene",
     .options = info_options,
+    .parts = info_parts,
     .config_size = sizeof(struct info_config),
     .defaults = defaults,
     .min_positional = 0,

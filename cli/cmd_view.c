@@ -49,18 +49,6 @@ struct viewed {
     bool trained; /* the model is no scene's points */
 };
 
-/* A folder with any of these is a run, else a scene. */
-static bool is_run(const char *folder)
-{
-    static const char *const marks[] = {"config.json", "cfg_args", "point_cloud"};
-    char path[PATH_MAX];
-    for (size_t i = 0; i < sizeof(marks) / sizeof(marks[0]); i++)
-        if (snprintf(path, sizeof(path), "%s/%s", folder, marks[i]) < (int) sizeof(path) &&
-            !access(path, F_OK))
-            return true;
-    return false;
-}
-
 /* The scene that was named must be there; that of a run may have gone. */
 static int load_scene(struct viewed *v, struct model_options *o, bool named)
 {
@@ -98,7 +86,7 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
 {
     struct model_options *o = &c->m;
     char path[PATH_MAX];
-    const bool folder = is_folder(place) || is_archive(place), run = folder && is_run(place),
+    const bool folder = is_folder(place) || is_archive(place), run = folder && is_run_folder(place),
                named = (folder && !run) || o->scene_path;
     v->run = sg_run_params_default();
     int code = open_engine_context(&v->ctx, o->threads, o->max_memory, o->max_vram, o->quiet);

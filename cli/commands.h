@@ -55,6 +55,7 @@ int json_print(json_t *value, int indent);
 json_t *numbers_json(const double *values, int n);
 
 bool is_folder(const char *path);
+bool is_run_folder(const char *folder); /* by the files in it */
 bool is_archive(const char *path); /* of a scene, by its ending .zip: models are archives too */
 
 /* The same file or folder under any name. */

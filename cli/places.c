@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Scenes and folders that a command line names. */
 #include <errno.h>
+#include <limits.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
@@ -42,6 +43,17 @@ bool is_folder(const char *path)
 {
     struct stat st;
     return !stat(path, &st) && S_ISDIR(st.st_mode);
+}
+
+bool is_run_folder(const char *folder)
+{
+    static const char *const marks[] = {"config.json", "cfg_args", "point_cloud"};
+    char path[PATH_MAX];
+    for (size_t i = 0; i < sizeof(marks) / sizeof(marks[0]); i++)
+        if (snprintf(path, sizeof(path), "%s/%s", folder, marks[i]) < (int) sizeof(path) &&
+            !access(path, F_OK))
+            return true;
+    return false;
 }
 
 bool is_archive(const char *path)

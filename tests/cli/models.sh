@@ -27,6 +27,20 @@ grep -q 'no position is finite' out || fail "info says $(cat out)"
 grep -q 'inf \.\.' out && fail "info prints bounds that are none: $(cat out)"
 expect 2 info nothing.ply --json
 grep -q '"min": \[null, null, null\]' out || fail "info --json says $(cat out)"
+# Of a scene: what train would load.
+expect 0 info scene/colmap --downscale 2
+for line in 'layout     colmap' 'views      6 to train on, 1 for tests' 'photos     7 of ' ', used at ' 'points     300, x -1' 'extent 4.67'; do
+    grep -qF -- "$line" out || fail "info does not say \"$line\": $(cat out)"
+done
+mkdir -p masked && cp -r scene/colmap/. masked && mkdir masked/masks
+cp "$(find masked/images -type f | sort | head -n 1)" masked/masks
+rm "$(find masked/images -type f | sort | tail -n 1)"
+expect 0 info masked --json; says 'are skipped'
+grep -q '"format": "colmap", "train_views": 5, "test_views": 1' out || fail "info --json says $(cat out)"
+grep -q '"photos": 6}\], .*"masked": 1, "undistorted": 0, "lossy": 0, "points": 300' out || fail "info --json says $(cat out)"
+truncate -s 100 "$(find masked/images -type f | sort | tail -n 1)"
+expect 2 info masked; says 'end of stream; with test views (eval) it is not skipped'
+mkdir empty && expect 2 info empty; says 'empty: found no scene'
 for command in "eval broken.ply --scene scene/blender" "render broken.ply --scene scene/blender -o images" \
     "train scene/blender -o run $short --init broken.ply" \
     "attack scene/blender -o poisoned --proxy broken.ply --iterations 2 --inner 2 -q"; do
