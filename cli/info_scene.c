@@ -122,8 +122,7 @@ static void print_text(const struct sg_scene *scene, const struct summary *s)
 {
     say(stdout, "%s\n", scene->path);
     printf("  layout     %s\n", sg_scene_format_name(scene->format));
-    printf("  views      %zu to train on, %zu for tests (--eval)\n", scene->n_train,
-           scene->n_test);
+    printf("  views      %zu to train on, %zu for tests (--eval)\n", scene->n_train, scene->n_test);
     print_sizes(s);
     if (s->undistorted)
         printf("  lenses     distortion was removed from %zu photos\n", s->undistorted);

@@ -206,6 +206,43 @@ static void test_read_ahead(void **state)
     sg_scene_destroy(&plain);
 }
 
+/* Photos that all stay go where another allocation needs their memory, but not those in use. */
+static void test_make_room(void **state)
+{
+    struct fixture *f = *state;
+    put_scene(f);
+    const uint64_t limit = 16 << 20;
+    sg_ctx *ctx = limited(2, limit);
+    struct sg_scene *plain = load_in(f->ctx, f), *scene = load_in(ctx, f);
+    struct sg_photo_bytes photos = sg_lazy_photos_bytes(scene->lazy);
+    assert_true(photos.held == photos.total && !photos.dropped);
+
+    assert_null(sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) limit + 1, 1)); /* no room could do */
+    photos = sg_lazy_photos_bytes(scene->lazy);
+    assert_true(photos.held == photos.total && !photos.dropped);
+
+    const uint8_t *used;
+    assert_int_equal(sg_view_pixels(ctx, &scene->train[0], &used), SG_OK);
+    const uint64_t others = sg_mem_current(ctx, SG_MEM_TAGS) - photos.held;
+    void *most = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) (limit - others - photos.held / 2), 1);
+    assert_non_null(most);
+    photos = sg_lazy_photos_bytes(scene->lazy);
+    assert_true(photos.held > 0 && photos.held <= photos.total / 2 && photos.dropped);
+    const size_t size =
+        3 * (size_t) scene->train[0].camera.width * (size_t) scene->train[0].camera.height;
+    assert_memory_equal(used, plain->train[0].rgb, size);
+    assert_null(sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) (limit - others), 1));
+    assert_memory_equal(used, plain->train[0].rgb, size);
+    sg_view_release(&scene->train[0]);
+    sg_free(most);
+    same_views(ctx, plain->train, scene->train, scene->n_train);
+    sg_scene_destroy(&scene);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    assert_true(sg_mem_peak(ctx, SG_MEM_TAGS) <= limit);
+    sg_ctx_destroy(&ctx);
+    sg_scene_destroy(&plain);
+}
+
 static sg_trainer *make_trainer(sg_ctx *ctx, const struct sg_scene *scene)
 {
     const struct sg_train_params p = train_params(900);
@@ -437,7 +474,7 @@ int main(void)
         scene_test(test_reduced_photo),    scene_test(test_room_for_all),
         scene_test(test_changed),          scene_test(test_too_little),
         scene_test(test_read_ahead),       scene_test(test_read_ahead_ends),
-        scene_test(test_read_ahead_fails),
+        scene_test(test_read_ahead_fails), scene_test(test_make_room),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

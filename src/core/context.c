@@ -27,8 +27,9 @@ struct counter {
 struct sg_ctx {
     struct sg_ctx_params params;
     sg_pool *pool;
-    pthread_mutex_t error_lock;
+    pthread_mutex_t error_lock, room_lock;
     struct sg_failure failure;
+    struct sg_room *rooms;
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
     _Atomic uint64_t to_failure;            /* allocations until one is made to fail; 0 = none */
     struct sg_vram vram;
@@ -58,6 +59,7 @@ int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params)
         return sound ? SG_ERR_INTERNAL : SG_ERR_USAGE;
     }
     pthread_mutex_init(&ctx->error_lock, NULL);
+    pthread_mutex_init(&ctx->room_lock, NULL);
     *out = ctx;
     return SG_OK;
 }
@@ -68,6 +70,7 @@ void sg_ctx_destroy(sg_ctx **ctx)
         return;
     sg_pool_destroy(&(*ctx)->pool);
     pthread_mutex_destroy(&(*ctx)->error_lock);
+    pthread_mutex_destroy(&(*ctx)->room_lock);
     free(*ctx);
     *ctx = NULL;
 }
@@ -341,6 +344,37 @@ static bool reserve(sg_ctx *ctx, size_t bytes, uint64_t *held)
     return true;
 }
 
+void sg_room_add(sg_ctx *ctx, struct sg_room *room)
+{
+    pthread_mutex_lock(&ctx->room_lock);
+    room->next = ctx->rooms, room->link = &ctx->rooms;
+    if (room->next)
+        room->next->link = &room->next;
+    ctx->rooms = room;
+    pthread_mutex_unlock(&ctx->room_lock);
+}
+
+void sg_room_remove(sg_ctx *ctx, struct sg_room *room)
+{
+    pthread_mutex_lock(&ctx->room_lock);
+    if (room->link)
+        *room->link = room->next;
+    if (room->next)
+        room->next->link = room->link;
+    pthread_mutex_unlock(&ctx->room_lock);
+}
+
+/* Whether anything was freed. */
+static bool make_room(sg_ctx *ctx)
+{
+    bool made = false;
+    pthread_mutex_lock(&ctx->room_lock);
+    for (struct sg_room *r = ctx->rooms; r && !made; r = r->next)
+        made = r->make(r->arg);
+    pthread_mutex_unlock(&ctx->room_lock);
+    return made;
+}
+
 static void discharge(struct counter *c, size_t bytes)
 {
     atomic_fetch_sub_explicit(&c->current, bytes, memory_order_relaxed);
@@ -400,7 +434,10 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
     bytes = sg_mem_cost(bytes);
     uint64_t held;
     struct header *h = NULL;
-    if (reserve(ctx, bytes, &held)) {
+    bool reserved = reserve(ctx, bytes, &held);
+    while (!reserved && bytes <= ctx->params.max_memory && make_room(ctx))
+        reserved = reserve(ctx, bytes, &held);
+    if (reserved) {
         h = fails(ctx) ? NULL : aligned_alloc(ALIGN, bytes);
         if (!h)
             discharge(&ctx->memory[SG_MEM_TAGS], bytes);

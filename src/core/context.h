@@ -69,6 +69,17 @@ void sg_meter_end(struct sg_meter *meter);
 /* Charges `bytes` to the ledger for memory that another library will allocate. *room is not to be
  * used; release it with sg_free. Without a limit nothing is charged. */
 int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room);
+/* Something that can be freed to make room: it is asked when an allocation would exceed the limit.
+ */
+struct sg_room {
+    /* Frees a part and returns whether it did. Called on any thread that allocates, on one at a
+     * time; must not allocate. */
+    bool (*make)(void *arg);
+    void *arg;
+    struct sg_room *next, **link; /* private */
+};
+void sg_room_add(sg_ctx *ctx, struct sg_room *room);
+void sg_room_remove(sg_ctx *ctx, struct sg_room *room); /* of one that was added, or zeros */
 /* NULL-safe, thread safe. Every allocation knows its context and is credited to that one. */
 void sg_free(void *memory);
 char *sg_strdup(sg_ctx *ctx, const char *text);

@@ -270,12 +270,10 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
         if (!code)
             sg_clear_error(ctx); /* of the photos that are measured again */
         for (size_t i = 0; i < a->count && !code; i++) {
-            /* Memory was short with all threads at once, or with the photos that stayed in it; or
-             * the message of the error is needed. */
-            for (bool again = codes[i]; again;) {
+            if (codes[i]) { /* memory was short with all threads at once, or the message of the
+                               error is needed */
                 sg_clear_error(ctx);
                 audit_view(&(struct audit_job){ctx, scene, a, codes}, i, 0);
-                again = codes[i] == SG_ERR_BUDGET && sg_lazy_photos_halve(scene->lazy);
             }
             code = codes[i];
             a->verdicts[a->images[i].verdict]++;

@@ -10,6 +10,7 @@
 /* Every photo is used once an epoch, so keeping the same ones is as good as keeping the newest. */
 struct sg_lazy_photos {
     sg_ctx *ctx;
+    struct sg_room room; /* photos make room for other allocations */
     pthread_mutex_t lock;
     pthread_cond_t changed; /* what the reader waits for, or who waits for a photo */
     bool busy;              /* a photo is being read, or the reader will read one next */
@@ -34,36 +35,6 @@ struct sg_lazy_photo {
     size_t size, bytes;
     int users;
 };
-
-int sg_lazy_photos_create(sg_ctx *ctx, uint64_t most, struct sg_scene_files **files,
-                          struct sg_lazy_photos **out)
-{
-    struct sg_lazy_photos *all = *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*all));
-    if (!all) {
-        sg_scene_files_destroy(files);
-        return SG_ERR_BUDGET;
-    }
-    all->ctx = ctx;
-    all->bytes.most = all->keep = most;
-    if (files) {
-        all->files = *files;
-        *files = NULL;
-    }
-    pthread_mutex_init(&all->lock, NULL);
-    pthread_cond_init(&all->changed, NULL);
-    return SG_OK;
-}
-
-void sg_lazy_photos_destroy(struct sg_lazy_photos **photos)
-{
-    if (!*photos)
-        return;
-    sg_scene_files_destroy(&(*photos)->files);
-    pthread_cond_destroy(&(*photos)->changed);
-    pthread_mutex_destroy(&(*photos)->lock);
-    sg_free(*photos);
-    *photos = NULL;
-}
 
 struct sg_photo_bytes sg_lazy_photos_bytes(struct sg_lazy_photos *all)
 {
@@ -137,16 +108,52 @@ void sg_lazy_photos_keep(struct sg_lazy_photos *all, uint64_t bytes)
     pthread_mutex_unlock(&all->lock);
 }
 
-bool sg_lazy_photos_halve(struct sg_lazy_photos *all)
+/* Of struct sg_room: drops half of what is held. Takes the lock. */
+static bool halve(void *arg)
 {
-    if (!all)
-        return false;
+    struct sg_lazy_photos *all = arg;
     pthread_mutex_lock(&all->lock);
-    const uint64_t held = all->bytes.held;
-    keep(all, held / 2);
-    const bool dropped = all->bytes.held < held;
+    const struct sg_photo_bytes before = all->bytes;
+    const uint64_t kept = all->keep;
+    keep(all, before.held / 2);
+    const bool dropped = all->bytes.held < before.held;
+    if (!dropped) /* those that are held are in use */
+        all->keep = kept, all->bytes.dropped = before.dropped;
     pthread_mutex_unlock(&all->lock);
     return dropped;
+}
+
+int sg_lazy_photos_create(sg_ctx *ctx, uint64_t most, struct sg_scene_files **files,
+                          struct sg_lazy_photos **out)
+{
+    struct sg_lazy_photos *all = *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*all));
+    if (!all) {
+        sg_scene_files_destroy(files);
+        return SG_ERR_BUDGET;
+    }
+    all->ctx = ctx;
+    all->bytes.most = all->keep = most;
+    if (files) {
+        all->files = *files;
+        *files = NULL;
+    }
+    pthread_mutex_init(&all->lock, NULL);
+    pthread_cond_init(&all->changed, NULL);
+    all->room = (struct sg_room){.make = halve, .arg = all};
+    sg_room_add(ctx, &all->room);
+    return SG_OK;
+}
+
+void sg_lazy_photos_destroy(struct sg_lazy_photos **photos)
+{
+    if (!*photos)
+        return;
+    sg_room_remove((*photos)->ctx, &(*photos)->room);
+    sg_scene_files_destroy(&(*photos)->files);
+    pthread_cond_destroy(&(*photos)->changed);
+    pthread_mutex_destroy(&(*photos)->lock);
+    sg_free(*photos);
+    *photos = NULL;
 }
 
 void sg_lazy_photos_settle(sg_ctx *ctx, struct sg_lazy_photos *all)

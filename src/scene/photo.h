@@ -6,7 +6,8 @@
 #include "splatguard/scene.h"
 
 /* Photos of a scene that are read when they are needed, and their common state. Bytes are those
- * that the context counts. */
+ * that the context counts. Photos without a user are dropped, half of what is held at a time, where
+ * an allocation would exceed the limit of the context. */
 struct sg_lazy_photos;
 struct sg_scene_files;
 struct sg_shot;
@@ -31,8 +32,6 @@ struct sg_photo_bytes {
 struct sg_photo_bytes sg_lazy_photos_bytes(struct sg_lazy_photos *photos); /* NULL: zeros */
 /* From now on at most `bytes` stay without a user. Test photos are dropped first. NULL-safe. */
 void sg_lazy_photos_keep(struct sg_lazy_photos *photos, uint64_t bytes);
-/* Halves what is held. Returns whether that dropped anything. */
-bool sg_lazy_photos_halve(struct sg_lazy_photos *photos);
 /* The reader is a thread that reads a photo from its file before it is needed. It never calls a
  * caller's function. It runs until everybody who has started it has stopped it. Where the system
  * has no thread for it, nothing is read ahead. */

@@ -55,7 +55,11 @@ static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_for
                                                               : ", ",
                  formats[*format].files);
     }
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: found no scene, looked for %s", dir->path, looked_for);
+    return sg_fail(
+        ctx, SG_ERR_INPUT,
+        "%s: found no scene, looked for %s; photos alone need cameras first, which COLMAP "
+        "finds",
+        dir->path, looked_for);
 }
 
 bool sg_scene_recognised(sg_ctx *ctx, const char *path)

@@ -383,19 +383,15 @@ static void load_one(void *arg, size_t i, int thread)
         atomic_store(&job->code, code);
 }
 
-/* Where memory was short with all threads at once, the rest is loaded one photo at a time, and
- * photos that were loaded make room for it. */
+/* Where memory was short with all threads at once, the rest is loaded one photo at a time. */
 static int load_rest(struct job *job, size_t n)
 {
     sg_ctx *ctx = job->ctx;
     for (size_t i = 0; i < n; i++) {
         sg_clear_error(ctx);
         int code = sg_progress(ctx, SG_STAGE_LOAD, i, n);
-        while (!code && !job->views[i].name && !job->left_out[i] &&
-               (code = load_view(job, i)) == SG_ERR_BUDGET && sg_lazy_photos_halve(job->lazy)) {
-            sg_clear_error(ctx);
-            code = SG_OK;
-        }
+        if (!code && !job->views[i].name && !job->left_out[i])
+            code = load_view(job, i);
         if (code == SG_ERR_BUDGET && sg_mem_limit(ctx)) {
             sg_clear_error(ctx);
             return sg_fail(ctx, code,
