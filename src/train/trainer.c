@@ -512,10 +512,22 @@ static int compare(sg_trainer *t, size_t index, int it, const struct sg_loss *lo
     return code;
 }
 
-/* Rates fall to a fiftieth, so that in the end noise cancels over many views. */
-static void settle(const sg_trainer *t, int it, double lr[SG_GROUPS])
+/* The learning rates of iteration `it`. */
+static void set_rates(const sg_trainer *t, int before, int it, double lr[SG_GROUPS])
 {
-    const double done = (double) (it - t->settles_from) / (t->params.iterations - t->settles_from);
+    const struct sg_train_params *p = &t->params;
+    lr[SG_G_XYZ] = sg_position_lr(p, it) * t->extent;
+    lr[SG_G_OPACITY] = (double) p->opacity_lr;
+    lr[SG_G_SCALE] = (double) p->scaling_lr;
+    lr[SG_G_ROT] = (double) p->rotation_lr;
+    lr[SG_G_DC] = (double) p->feature_lr;
+    lr[SG_G_REST] = (double) p->feature_lr / 20;
+    if (t->strategy->rates)
+        t->strategy->rates(t, before, it, lr);
+    if (it <= t->settles_from)
+        return;
+    /* They fall to a fiftieth, so that in the end noise cancels over many views. */
+    const double done = (double) (it - t->settles_from) / (p->iterations - t->settles_from);
     for (int g = 0; g < SG_GROUPS; g++)
         lr[g] *= pow(0.02, done);
 }
@@ -590,23 +602,13 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
         return code;
 
     /* A step of several iterations that ends among those that settle has what was due before. */
-    const bool settles = it > t->settles_from, changes = before < t->settles_from;
+    const bool changes = before < t->settles_from;
     const struct sg_strategy_plan plan =
         changes ? t->strategy->plan(t, before, it) : (struct sg_strategy_plan){0};
     if (plan.radii && (code = sg_engine_count_radii(t->engine)))
         return code;
-    double lr[SG_GROUPS] = {
-        [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
-        [SG_G_OPACITY] = (double) p->opacity_lr,
-        [SG_G_SCALE] = (double) p->scaling_lr,
-        [SG_G_ROT] = (double) p->rotation_lr,
-        [SG_G_DC] = (double) p->feature_lr,
-        [SG_G_REST] = (double) p->feature_lr / 20,
-    };
-    if (t->strategy->rates)
-        t->strategy->rates(t, before, it, lr);
-    if (settles)
-        settle(t, it, lr);
+    double lr[SG_GROUPS];
+    set_rates(t, before, it, lr);
     /* As in the released code, the last iteration takes no step. */
     const bool moves = !plan.rests && it < p->iterations;
     const struct sg_update update = {.statistics = plan.statistics,
