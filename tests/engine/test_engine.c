@@ -47,6 +47,7 @@ static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu,
     for (int g = 0; g < SG_GROUPS; g++)
         u.rate[g] = 0.01f * (float) (g + 1), u.root[g] = 30;
     assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
+    assert_int_equal(stats_of(b).pairs, o.stats.pairs); /* those of the image alone */
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.updated), SG_OK);
     assert_int_equal(sg_engine_download(b, o.updated, NULL), SG_OK);
     assert_int_equal(

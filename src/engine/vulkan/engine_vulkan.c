@@ -100,8 +100,8 @@ int sg_vulkan_bin(struct vulkan_engine *e)
     return code || l->band_count > 1 ? code : sg_gpu_lists_band(e->gpu, l, 0);
 }
 
-/* Draws the present band. */
-static int raster_band(struct vulkan_engine *e, bool auxiliary)
+/* Draws the present band. results: where its pairs are counted. */
+static int raster_band(struct vulkan_engine *e, bool auxiliary, VkDeviceAddress results)
 {
     struct gpu *g = e->gpu;
     const struct gpu_lists *l = &e->lists;
@@ -120,7 +120,7 @@ static int raster_band(struct vulkan_engine *e, bool auxiliary)
         .chunk_start = l->chunk_start.address, .units = e->units.address,
         .reached = e->reached.address, .checkpoints = e->checkpoints.address,
         .image = e->image.address, .alpha = sg_gpu_at(g, &e->alpha),
-        .depth = sg_gpu_at(g, &e->depth), .results = l->results.address, .first_tile = band->first,
+        .depth = sg_gpu_at(g, &e->depth), .results = results, .first_tile = band->first,
         .tiles = tiles, .grid_x = l->grid_x, .width = e->width, .height = e->height,
         .auxiliary = auxiliary, .background_r = e->params.background[0],
         .background_g = e->params.background[1], .background_b = e->params.background[2]);
@@ -135,7 +135,7 @@ int sg_vulkan_raster(struct vulkan_engine *e, bool auxiliary)
         return code;
     for (int band = 0; band < e->lists.band_count && !code; band++)
         if (!(code = sg_gpu_lists_band(e->gpu, &e->lists, band)))
-            code = raster_band(e, auxiliary);
+            code = raster_band(e, auxiliary, e->lists.results.address);
     return code;
 }
 
@@ -185,8 +185,8 @@ int sg_vulkan_raster_backward(struct vulkan_engine *e)
         code = sg_gpu_lists_band(g, l, band);
         if (!code)
             code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * width * l->capacity);
-        if (!code && banded) /* its states are not at hand any more: draw it again */
-            code = raster_band(e, false);
+        if (!code && banded) /* its states are not at hand any more: draw it again, uncounted */
+            code = raster_band(e, false, g->none.address);
         if (!code)
             code = GPU_RUN_WORK(
                 g, raster_backward, absolute, &l->work, VK_WORK_UNITS, .splats = e->splats.address,
