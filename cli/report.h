@@ -33,6 +33,8 @@ struct result {
     bool common;                      /* all that has results of its scene has one with this seed */
     double seconds, value[M_METRICS]; /* NAN: not known */
     const struct result *next;        /* of its group */
+    bool fresh;                       /* of the database that is read now */
+    struct result *same;              /* another fresh one with this key, or NULL */
 };
 
 /* The seeds of one scene, photos, defense and model. */

@@ -80,16 +80,18 @@ static int take_cell(void *arg, int columns, const char *const *v)
                          .commit = report_copy(v[10]),
                          .machine = report_copy(v[11]),
                          .engine = report_copy(v[12]),
-                         .seconds = v[13] ? atof(v[13]) : NAN};
+                         .seconds = v[13] ? atof(v[13]) : NAN,
+                         .fresh = true};
     for (int m = 0; m < M_METRICS; m++)
         x->value[m] = NAN;
     return STATUS_DONE;
 }
 
-/* Results of one key, which can be several cells. */
+/* Results of one key, which can be several cells: of the database that is read now, so that all
+ * numbers of a cell are of one run. */
 struct keyed {
     struct report *r;
-    json_t *index; /* key: number of the first cell with it */
+    json_t *index; /* key: number of the first cell with it, which others follow by `same` */
     json_t *known; /* curves of the databases before */
 };
 
@@ -100,10 +102,10 @@ static int take_metric(void *arg, int columns, const char *const *v)
     const json_t *at = v[0] ? json_object_get(k->index, v[0]) : NULL;
     if (!at || !v[1] || !v[2])
         return STATUS_DONE;
-    for (size_t i = (size_t) json_integer_value(at); i < k->r->n; i++)
-        for (int m = 0; m < M_METRICS && !strcmp(k->r->results[i].key, v[0]); m++) {
+    for (struct result *x = &k->r->results[json_integer_value(at)]; x; x = x->same)
+        for (int m = 0; m < M_METRICS; m++) {
             const struct metric_column *c = &metric_columns[m];
-            double *value = &k->r->results[i].value[m];
+            double *value = &x->value[m];
             if (!strcmp(v[1], c->first) || (c->then && isnan(*value) && !strcmp(v[1], c->then)))
                 *value = atof(v[2]) * c->unit;
         }
@@ -303,8 +305,14 @@ int report_load(struct report *r, const char *path)
             "another configuration\n",
             path, r->others);
     r->others = 0;
-    for (size_t i = r->n; i-- > 0;)
-        json_object_set_new(k.index, r->results[i].key, json_integer((json_int_t) i));
+    for (size_t i = r->n; i-- > 0;) {
+        struct result *x = &r->results[i];
+        const json_t *same = json_object_get(k.index, x->key);
+        if (!x->fresh)
+            continue;
+        x->same = same ? &r->results[json_integer_value(same)] : NULL;
+        json_object_set_new(k.index, x->key, json_integer((json_int_t) i));
+    }
     if (!code)
         code = store_query(s, "SELECT name, text FROM plan", take_plan,
                            &(struct reading_plans){r, path});
@@ -330,6 +338,8 @@ int report_load(struct report *r, const char *path)
         code = load_pictures(&k, s);
     if (!code)
         code = report_load_audits(r, s);
+    for (size_t i = 0; i < r->n; i++)
+        r->results[i].fresh = false;
     json_decref(k.index);
     json_decref(k.known);
     store_close(&s);

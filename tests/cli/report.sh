@@ -66,6 +66,12 @@ sqlite3 keys.db "update cell set key='x' || key where kind is not 'audit'; updat
 expect 0 report r.db keys.db -o keys -q; says 'keys.db: 8 results are left out'
 cmp keys/results.csv page/results.csv || fail "another configuration's results are in the report"
 
+# The numbers of a cell are all of one database: the first that has a result of it.
+cp r.db again.db
+sqlite3 again.db "update metric set value=99 where name='eval.psnr'; update job set machine='another'"
+expect 0 report r.db again.db -o again -q
+cmp again/results.csv page/results.csv || fail "numbers of another database are in the report"
+
 # Other reports may be replaced, other files not.
 expect 0 report r.db r.db -o page -q
 mkdir mine && echo mine >mine/report.md
