@@ -19,14 +19,13 @@ static void clear_audit(struct audit *a)
     *a = (struct audit){0};
 }
 
-/* The same cell of a database before, or NULL. */
+/* The same cell of a database before, whatever its configuration is there, or NULL. */
 static struct audit *find_audit(struct report *r, const char *const *v)
 {
     for (size_t i = 0; i < r->n_audits; i++) {
-        const char *const own[] = {r->audits[i].plan, r->audits[i].scene, r->audits[i].photos,
-                                   r->audits[i].key};
+        const char *const own[] = {r->audits[i].plan, r->audits[i].scene, r->audits[i].photos};
         bool same = true;
-        for (int k = 0; k < 4 && same; k++)
+        for (int k = 0; k < 3 && same; k++)
             same = !strcmp(own[k], v[k] ? v[k] : "");
         if (same)
             return &r->audits[i];
@@ -39,8 +38,11 @@ static int take_audit(void *arg, int columns, const char *const *v)
     struct report *r = arg;
     struct audit *a = find_audit(r, v);
     (void) columns;
-    if (a && (!strcmp(a->status, "done") || !v[4] || strcmp(v[4], "done")))
+    const bool done = v[4] && !strcmp(v[4], "done");
+    if (a && (!strcmp(a->status, "done") || !done)) {
+        r->others += done && v[3] && strcmp(a->key, v[3]) != 0;
         return STATUS_DONE;
+    }
     if (a)
         clear_audit(a);
     else {

@@ -299,12 +299,6 @@ int report_load(struct report *r, const char *path)
                            " j.seconds FROM cell c LEFT JOIN job j USING(key)"
                            " WHERE c.kind IS NOT 'audit' ORDER BY c.plan, c.position",
                            take_cell, r);
-    if (!code && r->others)
-        say(stderr,
-            "warning: %s: %zu results are left out: those before are of the same cells, with "
-            "another configuration\n",
-            path, r->others);
-    r->others = 0;
     for (size_t i = r->n; i-- > 0;) {
         struct result *x = &r->results[i];
         const json_t *same = json_object_get(k.index, x->key);
@@ -338,6 +332,12 @@ int report_load(struct report *r, const char *path)
         code = load_pictures(&k, s);
     if (!code)
         code = report_load_audits(r, s);
+    if (!code && r->others)
+        say(stderr,
+            "warning: %s: %zu results are left out: those before are of the same cells, with "
+            "another configuration\n",
+            path, r->others);
+    r->others = 0;
     for (size_t i = 0; i < r->n; i++)
         r->results[i].fresh = false;
     json_decref(k.index);

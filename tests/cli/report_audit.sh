@@ -25,6 +25,12 @@ expect 0 report r.db -o page -q
 grep -q '^8 of 8 runs are done' page/report.md || fail "audits count as runs: $(head -4 page/report.md)"
 grep -q '^| all scenes, noise |' page/report.md || fail "no row of all scenes"
 
+# Of another configuration they are left out, as runs are.
+cp r.db other.db
+sqlite3 other.db "update cell set key='x' || key where kind='audit'; update job set key='x' || key where kind='audit'; update audit set key='x' || key"
+expect 0 report r.db other.db -o other -q; says 'other.db: 4 results are left out'
+cmp other/report.md page/report.md || fail "photos count twice: $(grep '^| .*, noise |' other/report.md)"
+
 # The same as the command says; an audit that failed says so.
 sed 's/"audit": true/"audit": 1/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'audit: expected true or false'
