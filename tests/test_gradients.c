@@ -223,9 +223,19 @@ static void gradients_of_needles_and_specks(void **state)
     check_all(&s);
 }
 
-/* Beyond 1.3 half fields of view the tangents are clamped. The published depth gradient is then not
- * the exact one, so only what is exact is compared: x and y in the camera, which is the world
- * here. */
+/* What the published gradient of the depth has beyond the exact one: the part of a clamped tangent
+ * a second time. Were it not clamped, x would have that part times -z / x, and y times -z / y. */
+static double clamped_part(const struct pinhole *v, const struct ref_splat *s)
+{
+    struct projection open_ = s->p;
+    double at[2][3], scale[3], rotation[4];
+    open_.in_x = open_.in_y = true;
+    project_backward(v, &s->p, &s->s, &s->g, at[0], scale, rotation);
+    project_backward(v, &open_, &s->s, &s->g, at[1], scale, rotation);
+    return -((at[1][0] - at[0][0]) * s->p.tx + (at[1][1] - at[0][1]) * s->p.ty) / s->s.z;
+}
+
+/* Beyond 1.3 half fields of view the tangents are clamped. The world is the camera's here. */
 static void gradients_outside_the_tangent_clamp(void **state)
 {
     (void) state;
@@ -236,7 +246,7 @@ static void gradients_outside_the_tangent_clamp(void **state)
     s.camera.cx = WIDTH / 2.0, s.camera.cy = HEIGHT / 2.0;
     const double tangent = WIDTH / (2 * s.camera.fx);
     memcpy(s.params[0], (double[3]){1.5 * tangent * 2, 0.1, 2}, 3 * sizeof(double));
-    memcpy(s.params[1], (double[3]){-0.1, 1.6 * HEIGHT / (2 * s.camera.fy) * 2, 2},
+    memcpy(s.params[1], (double[3]){-0.1, 1.6 * HEIGHT / (2 * s.camera.fy) * 3, 3},
            3 * sizeof(double));
     for (size_t i = 0; i < 2; i++)
         for (int k = 0; k < 3; k++)
@@ -248,13 +258,14 @@ static void gradients_outside_the_tangent_clamp(void **state)
     assert_true(splats[0].p.in_y);
     assert_true(splats[1].p.in_x);
     assert_false(splats[1].p.in_y);
-    double gradient[2][SG_PARAMS_MAX];
-    for (size_t i = 0; i < 2; i++)
+    double gradient[2][SG_PARAMS_MAX], twice[2];
+    for (size_t i = 0; i < 2; i++) {
         ref_parameter_gradient(&view, &splats[i], s.params[i], 0, gradient[i]);
+        twice[i] = clamped_part(&view, &splats[i]);
+        assert_true(fabs(twice[i]) > 0.01 * fabs(gradient[i][SG_P_XYZ + 2]));
+    }
     for (size_t i = 0; i < 2; i++)
         for (int p = 0; p < SG_P_SH; p++) {
-            if (p == 2)
-                continue;
             const double at = s.params[i][p], step = 1e-7;
             s.params[i][p] = at + step;
             const double up = evaluate(&s, false, &above);
@@ -263,7 +274,7 @@ static void gradients_outside_the_tangent_clamp(void **state)
             s.params[i][p] = at;
             assert_int_equal(above, here);
             assert_int_equal(below, here);
-            const double expected = (up - down) / (2 * step);
+            const double expected = (up - down) / (2 * step) + (p == SG_P_XYZ + 2 ? twice[i] : 0);
             assert_near(gradient[i][p], expected, 1e-3 * fabs(expected) + 1e-5);
         }
 }
