@@ -2,8 +2,12 @@
 /* The strategy mcmc: its formulas against published values, its order of operations, its
  * limits. */
 #include "core/rng.h"
+#include "math/real_f64.h"
+#include "train/schedule.h"
 #include "train/trainer.h"
 #include "training.h"
+
+#include "math/explore.h"
 
 static const struct sg_mcmc_params released = {SG_MCMC_DEFAULTS};
 
@@ -204,6 +208,95 @@ static void test_order(void **state)
     clear_fixture(&f);
 }
 
+/* Every iteration moves positions by noise in that iteration's rate and the scene's extent, also
+ * one that edits the model; the last moves none. Of a Gaussian that no view shows noise is all. */
+static void test_noise(void **state)
+{
+    (void) state;
+    enum { AWAY = 5 };
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = mcmc_params();
+    p.mcmc.cap_max = f.start->count, p.mcmc.noise_lr = 5e4f;
+    p.mcmc.opacity_reg = p.mcmc.scale_reg = 0;
+    p.position_lr_final = 1.6e-5f, p.position_lr_max_steps = 30;
+    *sg_model_at(f.start, AWAY, SG_P_XYZ + 2) = -50;
+    *sg_model_at(f.start, AWAY, SG_P_OPACITY) = logf(0.006f / 0.994f);
+    for (int k = 0; k < 3; k++)
+        *sg_model_at(f.start, AWAY, SG_P_SCALE + k) = -2 - 0.5f * (float) k;
+    *sg_model_at(f.start, 0, SG_P_OPACITY) = -9; /* dead: relocated at 10 */
+    sg_trainer *t = begin_training(&f, &p);
+    double at[2][SG_P_SH] = {{0}};
+    for (int k = 0; k < SG_P_SH; k++)
+        at[0][k] = (double) *sg_model_at(f.start, AWAY, k);
+    for (int it = 1; it <= 40; it++) {
+        struct sg_model *m;
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_true((s.relocated > 0) == (it == 10) || it > 10);
+        assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+        double n[3], move[3] = {0};
+        for (int k = 0; k < SG_P_SH; k++)
+            at[1][k] = (double) *sg_model_at(m, AWAY, k);
+        for (uint64_t k = 0; k < 3; k++)
+            n[k] = 5e4 * sg_position_lr(&p, it) * f.scene.extent *
+                   explore_gate(at[0][SG_P_OPACITY], 100, (double) p.mcmc.dead) *
+                   (double) sg_rng_normal(p.seed, SG_RNG_EXPLORE, (uint64_t) it, 3 * AWAY + k);
+        if (it < 40)
+            explore_move(at[0] + SG_P_ROT, at[0] + SG_P_SCALE, n, move);
+        for (int k = 0; k < SG_P_SH; k++) {
+            const double found = at[1][k] - at[0][k], expected = k < 3 ? move[k] : 0;
+            if (fabs(found - expected) > 1e-4 * fabs(expected) + 4e-6)
+                fail_msg("iteration %d, plane %d: moved by %g, expected %g", it, k, found,
+                         expected);
+        }
+        memcpy(at[0], at[1], sizeof(at[0]));
+        sg_model_destroy(&m);
+    }
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
+/* Of those that share their opacity the moments begin anew, of a place that one has died in they
+ * stay, as in the released code. */
+static void test_moments(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = mcmc_params();
+    struct sg_model *m[2];
+    struct sg_columns o[2];
+    size_t sources = 0;
+    p.mcmc.cap_max = f.start->count;
+    p.opacity_lr = 0;
+    for (size_t i = 0; i < 7; i++)
+        *sg_model_at(f.start, 10 * i, SG_P_OPACITY) = -9;
+    sg_trainer *t = begin_training(&f, &p);
+    for (int k = 0; k < 2; k++) {
+        while (sg_trainer_iteration(t) < 9 + k)
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        download(f.ctx, t->engine, 1, &m[k], &o[k]);
+    }
+    for (size_t i = 0; i < f.start->count; i++) {
+        const bool dead = i < 70 && i % 10 == 0,
+                   source = !dead && *sg_model_at(m[0], i, SG_P_OPACITY) !=
+                                         *sg_model_at(m[1], i, SG_P_OPACITY);
+        sources += source;
+        for (int c = SG_C_MOMENT1; c <= SG_C_MOMENT2; c++)
+            for (int plane = 0; plane < sg_param_count(1); plane++) {
+                const size_t at = sg_param_index(sg_param_count(1), i, plane);
+                assert_true(o[1].at[c][at] == (source ? 0 : o[0].at[c][at]));
+                assert_true(plane != SG_P_SCALE || o[0].at[c][at] != 0);
+            }
+    }
+    assert_in_range(sources, 1, 7);
+    for (int k = 0; k < 2; k++) {
+        sg_model_destroy(&m[k]);
+        sg_columns_clear(&o[k]);
+    }
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
 /* Five edits without a death from 100000 on. */
 static void test_growth(void **state)
 {
@@ -314,6 +407,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_share),        cmocka_unit_test(test_share_conserves),
         cmocka_unit_test(test_regularisers), cmocka_unit_test(test_order),
+        cmocka_unit_test(test_noise),        cmocka_unit_test(test_moments),
         cmocka_unit_test(test_growth),       cmocka_unit_test(test_begin),
         cmocka_unit_test(test_defense),      cmocka_unit_test(test_random_points),
     };
