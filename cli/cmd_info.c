@@ -174,7 +174,7 @@ static int run_info(const void *config, const bool *given, const char *const *po
     int status = open_context(&ctx, c->threads, c->max_memory, true);
     if (status)
         return status;
-    if (is_archive(positional[0]) || (is_folder(positional[0]) && !is_run_folder(positional[0])))
+    if (is_scene(positional[0]))
         status = info_scene(ctx, positional[0], c->scene, c->json);
     else
         status = info_model(ctx, positional[0], c->json);

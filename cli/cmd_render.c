@@ -129,7 +129,7 @@ static int refuse_photos(const struct model_views *v, const char *output)
 {
     const struct sg_scene *s = v->scene;
     for (size_t i = 0; s && i < s->n_train + s->n_test; i++) {
-        const struct sg_view *view = i < s->n_train ? &s->train[i] : &s->test[i - s->n_train];
+        const struct sg_view *view = scene_view(s, i);
         char *real = realpath(view->path, NULL), *slash = real ? strrchr(real, '/') : NULL;
         if (slash)
             slash[slash == real] = 0;

@@ -86,11 +86,10 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
 {
     struct model_options *o = &c->m;
     char path[PATH_MAX];
-    const bool folder = is_folder(place) || is_archive(place), run = folder && is_run_folder(place),
-               named = (folder && !run) || o->scene_path;
+    const bool scene = is_scene(place), named = scene || o->scene_path;
     v->run = sg_run_params_default();
     int code = open_engine_context(&v->ctx, o->threads, o->max_memory, o->max_vram, o->quiet);
-    if (!code && folder && !run) {
+    if (!code && scene) {
         if (o->scene_path) {
             say(stderr, "splatguard view: found two scenes, %s and --scene %s, expected one\n",
                 place, o->scene_path);
@@ -99,10 +98,10 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
         o->scene_path = place;
     } else if (!code)
         code = report(v->ctx, sg_run_find_model(v->ctx, place, o->iteration, path, sizeof(path)));
-    if (!code && run)
+    if (!code && is_run_folder(place))
         code = adopt_run_scene(v->ctx, place, &command_view, given, c, &o->scene, &o->scene_path,
                                &v->run);
-    if (!code && !folder)
+    if (!code && !scene)
         code = check_iteration(&command_view, place, o->iteration);
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
@@ -110,7 +109,7 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
     if (!code)
         code = load_scene(v, o, named);
     if (!code)
-        code = load_model(v, o, folder && !run ? NULL : path);
+        code = load_model(v, o, scene ? NULL : path);
     return code;
 }
 

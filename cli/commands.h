@@ -55,8 +55,11 @@ int json_print(json_t *value, int indent);
 json_t *numbers_json(const double *values, int n);
 
 bool is_folder(const char *path);
-bool is_run_folder(const char *folder); /* by the files in it */
-bool is_archive(const char *path); /* of a scene, by its ending .zip: models are archives too */
+bool is_run_folder(const char *path); /* by the files in it */
+/* A folder that is no run, or an archive, by its ending .zip: models are archives too. */
+bool is_scene(const char *path);
+/* By number: the training views, then the test views. */
+const struct sg_view *scene_view(const struct sg_scene *scene, size_t i);
 
 /* The same file or folder under any name. */
 bool is_same(const char *a, const char *b);

@@ -19,11 +19,6 @@ struct summary {
     double low[3], high[3]; /* of the points */
 };
 
-static const struct sg_view *view_at(const struct sg_scene *s, size_t i)
-{
-    return i < s->n_train ? &s->train[i] : &s->test[i - s->n_train];
-}
-
 static int by_size(const void *a, const void *b)
 {
     const struct size_group *x = a, *y = b;
@@ -47,7 +42,7 @@ static void summarise(const struct sg_scene *scene, struct size_group *sizes, st
     const size_t n = scene->n_train + scene->n_test;
     *out = (struct summary){.sizes = sizes};
     for (size_t i = 0; i < n; i++) {
-        const struct sg_view *v = view_at(scene, i);
+        const struct sg_view *v = scene_view(scene, i);
         const uint64_t pixels = (uint64_t) v->camera.width * (uint64_t) v->camera.height;
         sizes[i] = (struct size_group){v->camera.width, v->camera.height, v->file_width,
                                        v->file_height, 1};

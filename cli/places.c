@@ -45,21 +45,27 @@ bool is_folder(const char *path)
     return !stat(path, &st) && S_ISDIR(st.st_mode);
 }
 
-bool is_run_folder(const char *folder)
+bool is_run_folder(const char *path)
 {
     static const char *const marks[] = {"config.json", "cfg_args", "point_cloud"};
-    char path[PATH_MAX];
+    char mark[PATH_MAX];
     for (size_t i = 0; i < sizeof(marks) / sizeof(marks[0]); i++)
-        if (snprintf(path, sizeof(path), "%s/%s", folder, marks[i]) < (int) sizeof(path) &&
-            !access(path, F_OK))
+        if (snprintf(mark, sizeof(mark), "%s/%s", path, marks[i]) < (int) sizeof(mark) &&
+            !access(mark, F_OK))
             return true;
     return false;
 }
 
-bool is_archive(const char *path)
+bool is_scene(const char *path)
 {
     const size_t n = strlen(path);
-    return n > 4 && !strcasecmp(path + n - 4, ".zip");
+    const bool archive = n > 4 && !strcasecmp(path + n - 4, ".zip");
+    return archive || (is_folder(path) && !is_run_folder(path));
+}
+
+const struct sg_view *scene_view(const struct sg_scene *scene, size_t i)
+{
+    return i < scene->n_train ? &scene->train[i] : &scene->test[i - scene->n_train];
 }
 
 bool is_same(const char *a, const char *b)

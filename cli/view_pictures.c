@@ -15,11 +15,6 @@ static size_t view_count(const struct view_pictures *v)
     return v->scene ? v->scene->n_train + v->scene->n_test : 0;
 }
 
-static const struct sg_view *view_at(const struct view_pictures *v, size_t i)
-{
-    return i < v->scene->n_train ? &v->scene->train[i] : &v->scene->test[i - v->scene->n_train];
-}
-
 /* ---- the scene ---- */
 
 /* Of a rotation, as w x y z (Shepperd 1978). */
@@ -54,7 +49,8 @@ int view_publish_scene(const struct view_pictures *v, view_server *server, const
     json_t *views = json_array();
     const double extent = v->scene ? v->scene->extent : v->extent;
     for (size_t i = 0; i < view_count(v); i++)
-        json_array_append_new(views, camera_json(&view_at(v, i)->camera, view_at(v, i)->name,
+        json_array_append_new(views, camera_json(&scene_view(v->scene, i)->camera,
+                                                 scene_view(v->scene, i)->name,
                                                  i < v->scene->n_train ? "train" : "test"));
     if (!view_count(v))
         json_array_append_new(views, camera_json(&v->camera, "", ""));
@@ -111,7 +107,7 @@ int view_place_camera(struct view_pictures *v, sg_ctx *ctx, const struct sg_mode
 /* The photo's camera at the size that is asked for, in the page's pose. */
 static struct sg_camera camera_of(const struct view_pictures *v, const struct view_ask *ask)
 {
-    struct sg_camera c = view_count(v) ? view_at(v, ask->view)->camera : v->camera;
+    struct sg_camera c = view_count(v) ? scene_view(v->scene, ask->view)->camera : v->camera;
     const double most = sqrt((double) VIEW_PIXELS / ((double) c.width * (double) c.height)),
                  scale = fmin(ask->scale, most);
     const int w = (int) fmax(1, floor(c.width * scale)), h = (int) fmax(1, floor(c.height * scale));
@@ -148,7 +144,7 @@ static void shrink(const uint8_t *from, int fw, int fh, uint8_t *to, int w, int 
 
 static bool put_photo(const struct view_pictures *v, size_t i, uint8_t *to, int w, int h)
 {
-    const struct sg_view *view = view_at(v, i);
+    const struct sg_view *view = scene_view(v->scene, i);
     const uint8_t *rgb;
     if (sg_view_pixels(v->ctx, view, &rgb))
         return false;
@@ -204,7 +200,7 @@ static bool draw(struct view_pictures *v, const struct view_ask *ask, sg_rendere
     float *rgb = v->planes, *alpha = rgb + 3 * n, *depth = alpha + n;
     const bool more = ask->kind == VIEW_DEPTH || ask->kind == VIEW_ALPHA;
     if (v->appearances)
-        sg_renderer_set_photo(renderer, sg_scene_photo(v->scene, view_at(v, ask->view)));
+        sg_renderer_set_photo(renderer, sg_scene_photo(v->scene, scene_view(v->scene, ask->view)));
     if (sg_render(renderer, camera, rgb, more ? alpha : NULL, more ? depth : NULL, NULL))
         return false;
     if (ask->kind == VIEW_COLOUR || ask->kind >= VIEW_SCORE)
