@@ -357,8 +357,7 @@ void sg_room_add(sg_ctx *ctx, struct sg_room *room)
 void sg_room_remove(sg_ctx *ctx, struct sg_room *room)
 {
     pthread_mutex_lock(&ctx->room_lock);
-    if (room->link)
-        *room->link = room->next;
+    *room->link = room->next;
     if (room->next)
         room->next->link = room->link;
     pthread_mutex_unlock(&ctx->room_lock);

@@ -79,7 +79,7 @@ struct sg_room {
     struct sg_room *next, **link; /* private */
 };
 void sg_room_add(sg_ctx *ctx, struct sg_room *room);
-void sg_room_remove(sg_ctx *ctx, struct sg_room *room); /* of one that was added, or zeros */
+void sg_room_remove(sg_ctx *ctx, struct sg_room *room);
 /* NULL-safe, thread safe. Every allocation knows its context and is credited to that one. */
 void sg_free(void *memory);
 char *sg_strdup(sg_ctx *ctx, const char *text);
