@@ -57,8 +57,7 @@ static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_for
     }
     return sg_fail(
         ctx, SG_ERR_INPUT,
-        "%s: found no scene, looked for %s; photos alone need cameras first, which COLMAP "
-        "finds",
+        "%s: found no scene, looked for %s; photos alone need cameras first, as COLMAP finds them",
         dir->path, looked_for);
 }
 
