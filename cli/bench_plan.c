@@ -70,27 +70,15 @@ bool plan_limit(const char *text, double *factor)
            *factor <= 1000;
 }
 
-/* Replaces an option by its only form: "--backend=ref" by "--engine" and "ref". Returns whether its
- * value has become a word of the list. */
-static bool unify_option(json_t *list, size_t i)
+/* Replaces an option by its only form: "--backend=ref" by "--engine" and "ref", "-w" by
+ * "--white-background". text: its value in the word, which becomes one of the list, or NULL. */
+static void unify_option(json_t *list, size_t i, const struct sg_option *option, const char *text)
 {
     char name[128];
-    const char *word = json_string_value(json_array_get(list, i)), *equals = strchr(word, '=');
-    const size_t n = equals ? (size_t) (equals - word) : strlen(word);
-    if (n < 3 || n >= sizeof(name) || strncmp(word, "--", 2))
-        return false;
-    memcpy(name, word, n);
-    name[n] = 0;
-    const struct sg_option *known = sg_option_find(sg_train_options(), name + 2);
-    if (known)
-        snprintf(name + 2, sizeof(name) - 2, "%s", known->name);
-    for (char *c = name; *c; c++)
-        *c = *c == '_' ? '-' : *c;
-    const bool has_value = equals != NULL;
-    if (equals)
-        json_array_insert_new(list, i + 1, json_string(equals + 1));
+    snprintf(name, sizeof(name), "--%s", option->name);
+    if (text)
+        json_array_insert_new(list, i + 1, json_string(text));
     json_array_set_new(list, i, json_string(name)); /* which frees the word */
-    return has_value;
 }
 
 static bool is_option(const char *word)
@@ -107,13 +95,16 @@ static int read_options(const struct reader *r, json_t *list, const char *where,
     for (size_t i = 0, at = 0; i < json_array_size(list); i++, at++) {
         if (!json_is_string(json_array_get(list, i)))
             return wrong(r, "%s[%zu]: expected a text", where, at);
-        const bool has_value = unify_option(list, i);
-        const char *word = json_string_value(json_array_get(list, i)), *near;
-        if (is_option(word) && !options_has(command, word, &near))
-            return wrong(r, "%s[%zu]: found %s, expected an option of %s%s%s%s", where, at, word,
-                         command->name, near ? "; did you mean --" : "", near ? near : "",
-                         near ? "?" : "");
-        i += has_value;
+        const char *word = json_string_value(json_array_get(list, i)), *near, *text;
+        if (is_option(word)) {
+            const struct sg_option *known = options_find(command, word, &text, &near);
+            if (!known)
+                return wrong(r, "%s[%zu]: found %.*s, expected an option of %s%s%s%s", where, at,
+                             (int) strcspn(word, "="), word, command->name,
+                             near ? "; did you mean --" : "", near ? near : "", near ? "?" : "");
+            unify_option(list, i, known, text);
+            i += text != NULL;
+        }
         const json_t *option = json_array_get(list, i);
         if (!strncmp(json_string_value(option), "{", 1) && !is_limit(option) &&
             strcmp(json_string_value(option), "{preset}") != 0)

@@ -173,8 +173,7 @@ static json_t *run_scene_options(const struct job *run)
     for (size_t i = 0; i < json_array_size(options); i++) {
         const char *word = json_string_value(json_array_get(options, i));
         const struct sg_option *row = sg_scene_options();
-        while (row->name && !(word[0] == '-' && (word[1] == '-' ? !strcmp(word + 2, row->name)
-                                                                : word[1] == row->letter)))
+        while (row->name && (strncmp(word, "--", 2) || strcmp(word + 2, row->name)))
             row++;
         if (!row->name || row->transient || strcmp(row->group, "Scene"))
             continue;

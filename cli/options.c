@@ -137,13 +137,15 @@ static size_t split_word(const char *word, const char **name, const char **text)
     return brief ? 1 : equals ? (size_t) (equals - *name) : strlen(*name);
 }
 
-bool options_has(const struct command *c, const char *word, const char **near)
+const struct sg_option *options_find(const struct command *c, const char *word, const char **text,
+                                     const char **near)
 {
     struct option_place list[OPTIONS_MAX];
-    const char *name, *text;
-    const size_t count = options_list(c, list), n = split_word(word, &name, &text);
+    const char *name;
+    const size_t count = options_list(c, list), n = split_word(word, &name, text);
+    const size_t found = find(list, count, name, n);
     *near = nearest(list, count, name, n);
-    return find(list, count, name, n) < count;
+    return found < count ? list[found].row : NULL;
 }
 
 /* An option given twice is refused, since it is not clear which value was meant. Two rows with the

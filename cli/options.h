@@ -78,9 +78,10 @@ size_t options_list(const struct command *c, struct option_place list[OPTIONS_MA
 int options_parse(const struct command *c, int argc, char **argv, void *config,
                   const char **positional, int *count, bool given[OPTIONS_MAX]);
 
-/* Whether a command has the option of a word, --name, --name=value or -w. near: the name that is
- * most like it, or NULL. */
-bool options_has(const struct command *c, const char *word, const char **near);
+/* The option of a word, --name, --name=value, -w or -w2, or NULL. text: the value in the word, or
+ * NULL. near: the name that is most like it, or NULL. */
+const struct sg_option *options_find(const struct command *c, const char *word, const char **text,
+                                     const char **near);
 
 /* How many letters differ between a word of n bytes and a name; dashes and underscores are the
  * same. */

@@ -144,6 +144,9 @@ sed 's/"--method", "noise"/"--method=noise"/; s/"--init-points", "200"/"--init_p
 expect 0 bench forms.json --list && sort out >forms
 cmp -s plan.json forms.json && fail "the plan has the forms that it had"
 expect 0 bench plan.json --list && sort out | cmp - forms || fail "other jobs: $(cat forms)"
+sed 's/"-w"/"--white-background"/' white.json >forms.json
+expect 0 bench forms.json --list && cp out forms
+expect 0 bench white.json --list && cmp out forms || fail "by its letter an option is another one: $(cat out)"
 
 # A scene is the same one however its path is spelled.
 mkdir spelled && echo >spelled/photo
