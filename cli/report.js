@@ -86,6 +86,9 @@ function mark(svg, name, attributes, value, title) {
 }
 
 const mean = list => list.reduce((a, b) => a + b, 0) / list.length;
+// Of lists that can be longer than a call may have arguments.
+const least = (list, first) => list.reduce((a, b) => Math.min(a, b), first);
+const most = (list, first) => list.reduce((a, b) => Math.max(a, b), first);
 
 // The mean over seeds of each defense, photos side by side, with a line from the least to the most. Counts are bars from 0;
 // dB, whose differences count and not their ratios, are points. published: what the paper has of a run, or nothing; an
@@ -97,9 +100,9 @@ function means(id, title, key, chosen, published, note, asBars) {
         paper: chosen.filter(r => r.defense === d && r.photos === p && r.paper).map(published).find(v => v > 0)})));
     const all = cells.flatMap(c => c.paper ? [...c.v, c.paper] : c.v);
     if (!all.length) return document.getElementById(id).replaceChildren();
-    const least = Math.min(...all), most = Math.max(...all), edge = .05 * (most - least) || 1;
+    const low = least(all, Infinity), high = most(all, -Infinity), edge = .05 * (high - low) || 1;
     const caption = title + (cells.some(c => c.paper) ? `; diamonds: the paper's, ${note}` : '');
-    const {svg, py} = plot(id, caption, [0, 1], asBars ? [0, most * 1.05 || 1] : [least - edge, most + edge], false);
+    const {svg, py} = plot(id, caption, [0, 1], asBars ? [0, high * 1.05 || 1] : [low - edge, high + edge], false);
     const group = (width - left - right) / photos.length, bar = group / (shown.length + 1);
     photos.forEach((p, i) => {
         const x = left + group * (i + .5), y = height - bottom + 18;
@@ -129,7 +132,7 @@ function means(id, title, key, chosen, published, note, asBars) {
 function scatter(id, title, chosen) {
     const points = chosen.filter(r => r.gaussians !== null && r.psnr !== null);
     if (!points.length) return document.getElementById(id).replaceChildren();
-    const range = key => [Math.min(...points.map(r => r[key])), Math.max(...points.map(r => r[key]))];
+    const range = key => [least(points.map(r => r[key]), Infinity), most(points.map(r => r[key]), -Infinity)];
     const y = range('psnr');
     const {svg, px, py} = plot(id, title, [0, range('gaussians')[1] * 1.05], [y[0] - .3, y[1] + .3], true);
     for (const r of points) {
@@ -150,8 +153,8 @@ function series(id, title, list, low, at) {
     const points = list.flatMap(l => l.points);
     if (!points.length) return document.getElementById(id).replaceChildren();
     const ys = points.map(p => p[1]), x = points.map(p => p[0]);
-    const {svg, px, py} = plot(id, title, [Math.min(0, ...x), Math.max(...x)],
-        [Math.min(low, ...ys), Math.max(...ys) * 1.05], true);
+    const {svg, px, py} = plot(id, title, [least(x, 0), most(x, -Infinity)],
+        [least(ys, low), most(ys, -Infinity) * 1.05], true);
     for (const l of list) {
         element(svg, 'path', {d: 'M' + l.points.map(p => px(p[0]).toFixed(1) + ' ' + py(p[1]).toFixed(1)).join('L'),
             fill: 'none', stroke: colour(l.defense), 'stroke-width': 2, 'stroke-dasharray': l.dashed ? '5 4' : 'none'});

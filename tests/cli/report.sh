@@ -198,3 +198,11 @@ figure() { tr -d '\n' <many.html | grep -o "<figure id=\"$1\".*" | sed 's/<\/fig
 [ "$(figure quality | grep -o '<circle' | wc -l)" -eq 40 ] || fail "not a point for each defense that is ticked"
 [ "$(figure gaussians | grep -o 'fill: #[0-9a-f]*' | sort -u | wc -l)" -eq 20 ] || fail "two defenses with one colour"
 figure quality | grep -o 'cy="[^"]*"' | tr -dc '0-9.\n' | sort -g | awk 'NR == 1 { a = $1 } END { exit $1 - a < 150 }' || fail "dB from 0"
+
+# Curves of more points than a call may have arguments.
+cp r.db long.db
+sqlite3 long.db "with recursive n(i) as (select 100 union all select i + 1 from n where i < 150000)
+    insert into curve select key, i, 5, 1, 20, 5, 1, 5 from n, (select key from curve limit 1)"
+expect 0 report long.db -o long -q
+dom "$browser" long/report.html >long.html
+tr -d '\n' <long.html | grep -q '<figure id="memory"><svg' || fail "no figures of a long run"
