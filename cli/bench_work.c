@@ -24,7 +24,8 @@
 #define ARGUMENTS 256
 #define GRACE 60.0 /* seconds to save in, after which a process is killed */
 #define POLL_NS 20000000
-#define MADE "made" /* marks the folder of a job that is done */
+#define MADE "made"   /* marks the folder of a job that is done */
+#define STUCK "stuck" /* that of one whose checkpoint cannot be read */
 
 enum state { WAITING, RUNNING, DONE, FAILED };
 
@@ -421,6 +422,18 @@ static void watch(const struct scheduler *s, struct work *w)
         w->why = "memory", w->told = t - GRACE, kill(w->pid, SIGKILL);
 }
 
+/* Marks a job that a line is said of because it cannot go on: its checkpoint is damaged, or of
+ * another version. */
+static void mark_stuck(const struct work *w, const char *line)
+{
+    static const char name[] = "checkpoint.bin: ";
+    const char *at = strstr(line, name), *rest = at ? at + strlen(name) : "";
+    const bool stuck = !strncmp(rest, "found ", 6) || !strncmp(rest, "byte ", 5);
+    const int mark = stuck ? open(below(w, STUCK), O_WRONLY | O_CREAT | O_CLOEXEC, 0666) : -1;
+    if (mark >= 0)
+        close(mark);
+}
+
 /* What a job was ended for, or the last line that its process has said; how to continue it is of no
  * use here. */
 static void last_words(const struct plan *p, struct work *w)
@@ -432,10 +445,14 @@ static void last_words(const struct plan *p, struct work *w)
     else if (w->why)
         snprintf(w->out.message, sizeof(w->out.message),
                  "took more memory than the limit of %llu bytes", (unsigned long long) p->memory);
-    else
+    else {
+        const char *last = "";
         for (char *line; (line = strsep(&rest, "\n"));)
             if (*line && strncmp(line, "Continue with:", strlen("Continue with:")))
-                snprintf(w->out.message, sizeof(w->out.message), "%s", line);
+                last = line;
+        snprintf(w->out.message, sizeof(w->out.message), "%s", last);
+        mark_stuck(w, last);
+    }
     free(text);
 }
 
@@ -575,9 +592,10 @@ static int begin(struct scheduler *s, int index)
     const struct job *j = &s->b->plan->jobs[index];
     time_t t = time(NULL);
     struct tm utc;
-    const bool resumes = exists(below(w, "run/checkpoint.bin")) ||
-                         exists(below(w, "scene/attack/checkpoint.bin")) || phase_is_done(j, w);
-    if (!resumes)
+    const bool saved =
+        exists(below(w, "run/checkpoint.bin")) || exists(below(w, "scene/attack/checkpoint.bin"));
+    const bool goes_on = saved && !exists(below(w, STUCK));
+    if (!goes_on && !phase_is_done(j, w))
         remove_folder(w->folder);
     if (mkdir(w->folder, 0777) && errno != EEXIST) {
         say(stderr, "splatguard bench: %s: cannot make the folder: %s\n", w->folder,

@@ -112,6 +112,18 @@ interrupt $pid
 [ $? -eq 130 ] || fail "an interrupted bench did not exit with 130"
 says 'the same command continues'
 
+# A run whose checkpoint is damaged, or of another version, begins anew when it is repeated.
+plan stuck.json $((n * n)) ''
+sed -i 's/"photos": \["clean", "noise"\], "defenses": \["off", "half", "lg"\]/"photos": ["clean"], "defenses": ["off"]/' stuck.json
+"$tool" bench stuck.json -o stuck.db -q 2>err &
+pid=$!
+waited=0
+until ls stuck.db.work/*/run/checkpoint.bin >/dev/null 2>&1 || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+interrupt $pid
+for checkpoint in stuck.db.work/*/run/checkpoint.bin; do echo damaged >"$checkpoint"; done
+expect 2 bench stuck.json -o stuck.db -q; says 'checkpoint.bin: found less than'
+expect 0 bench stuck.json -o stuck.db -q --retry
+
 # What changed runs; what fails is a row.
 plan plan.json $n ', "bad": ["--rho", "7"]'
 expect 2 bench plan.json -o once.db -q
