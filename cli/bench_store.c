@@ -52,6 +52,13 @@ static const char curve_before[] = CURVE(""); /* to which "upgrade" adds a colum
 
 static int failed(const struct store *s)
 {
+    if (sqlite3_extended_errcode(s->db) == SQLITE_READONLY_ROLLBACK) { /* nobody wants to write */
+        say(stderr,
+            "splatguard: %s: found a change that was half done when a bench was killed; the same "
+            "bench undoes it and goes on\n",
+            s->path);
+        return STATUS_INPUT;
+    }
     const int result = sqlite3_errcode(s->db) & 0xff;
     /* The number stays when another kind of error follows. */
     const int reason =

@@ -235,6 +235,18 @@ expect 2 bench plan.json -o used.db -q; says 'used.db: database is locked'
 : >released
 wait $!
 cmp used.db copy.db || fail "a locked database has changed"
+# Killed while it wrote, which the next one undoes. The shell of .shell is a child of what it kills.
+cp copy.db cut.db
+sqlite3 cut.db 'pragma cache_size=1' 'begin immediate' \
+    "with recursive n(i) as (select 1 union all select i + 1 from n where i < 5000) insert into metric select i, 'cut', 1 from n" \
+    ".shell kill -KILL \$PPID" >/dev/null 2>&1
+[ -s cut.db-journal ] || fail "no journal is left"
+cp cut.db cut.copy
+expect 2 report cut.db -o locked; says 'cut.db: found a change that was half done when a bench was killed'
+cmp cut.db cut.copy || fail "a report has changed its database"
+expect 0 bench plan.json -o cut.db --work used.db.work -q; says ' 0 are done now, 0 failed'
+expect 0 report cut.db -o cut -q
+[ "$(ask cut.db "select count(*) from metric where name='cut'")" -eq 0 ] || fail "half a change is left"
 (ulimit -f 4; "$tool" bench plan.json -o full.db -q 2>err; [ $? -eq 2 ]) || fail "a full disk was not noticed"
 says 'full.db'
 dd if=/dev/urandom of=once.db bs=1024 seek=4 count=4 conv=notrunc 2>/dev/null
