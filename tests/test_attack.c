@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Poison-splat: total variation and its gradients, the bound, and the loop around them. */
 #include "attack/ascent.h"
+#include "attack/attack.h"
 #include "image/total_variation.h"
 
 #include <unistd.h>
@@ -355,6 +356,115 @@ static void test_positions(void **state)
     }
 }
 
+/* The decoy is densified every 20 iterations, though not in the last. No step is taken then, also
+ * where gradients are summed over views; all others are, also the last. From the first time on,
+ * what is larger than a tenth of the extent goes. */
+static void test_schedule(void **state)
+{
+    struct fixture *f = *state;
+    *sg_model_at(f->proxy, 3, SG_P_SCALE) = logf(0.4f); /* the extent is 2 */
+    *sg_model_at(f->proxy, 3, SG_P_OPACITY) = 3;
+    for (int sums = 0; sums < 2; sums++) {
+        const struct sg_attack_params p = {SG_ATTACK_DEFAULTS, .iterations = 100,
+                                           .densification_interval = 20,
+                                           .update_interval = sums ? 5 : 1};
+        sg_attack *a = begin(f, &p);
+        size_t before = f->proxy->count;
+        int growths = 0;
+        for (int it = 1; it <= 100; it++) {
+            struct sg_model *decoy;
+            float largest = -INFINITY;
+            const size_t now = advance(f, a, 1);
+            assert_true(now == before || (it % 20 == 0 && it < 100));
+            growths += now > before;
+            before = now;
+            if (it < 19 || it > 20)
+                continue;
+            assert_int_equal(sg_attack_decoy(a, &decoy), SG_OK);
+            for (size_t i = 0; i < decoy->count; i++)
+                for (int k = 0; k < 3; k++)
+                    largest = fmaxf(largest, *sg_model_at(decoy, i, SG_P_SCALE + k));
+            assert_true(largest > logf(0.2f) ? it == 19 : it == 20); /* halves are 0.25 */
+            sg_model_destroy(&decoy);
+        }
+        assert_true(growths > 0);
+        assert_int_equal(a->trainer->adam_steps[SG_G_OPACITY], sums ? 100 / 5 - 4 : 100 - 4);
+        sg_attack_destroy(&a);
+    }
+}
+
+/* The steps begin at what the decoy shows, not at the photo. Bounded or not, the first one brings
+ * all values into [0, 1]. */
+static void test_start(void **state)
+{
+    enum { VALUES = 3 * SIDE * SIDE };
+    struct fixture *f = *state;
+    sg_renderer *r;
+    for (size_t i = 0; i < f->proxy->count; i++) /* another scene than the photos' */
+        *sg_model_at(f->proxy, i, SG_P_SH) += 0.2f;
+    assert_int_equal(sg_renderer_create(f->ctx, NULL, NULL, f->proxy, NULL, &r), SG_OK);
+    for (int bounded = 0; bounded < 2; bounded++) {
+        float photo[VALUES], shown[VALUES], scratch[VALUES];
+        double rows[3 * SIDE], tv[2];
+        struct sg_attack_step s;
+        sg_attack *a =
+            begin(f, &(struct sg_attack_params){SHORT, .inner = 2,
+                                                .epsilon = bounded ? 16 / 255.0f : INFINITY});
+        const struct ascent how = {.epsilon = a->params.epsilon,
+                                   .step = a->params.step,
+                                   .steps = a->params.inner,
+                                   .form = a->params.tv};
+        assert_int_equal(sg_attack_step(a, &s), SG_OK);
+        assert_int_equal(sg_render(r, &f->views[s.view].camera, shown, NULL, NULL, NULL), SG_OK);
+        for (int i = 0; i < VALUES; i++)
+            photo[i] =
+                (float) f->views[s.view].rgb[3 * (i % (SIDE * SIDE)) + i / (SIDE * SIDE)] / 255.0f;
+        for (int k = 0; k < 2; k++) {
+            float x[VALUES];
+            memcpy(x, k ? photo : shown, sizeof(x));
+            assert_int_equal(sg_ascend(a->trainer->engine, &how, photo, SIDE, SIDE, x, scratch),
+                             SG_OK);
+            tv[k] = sg_tv_planes(f->ctx, x, SIDE, SIDE, how.form, rows) / VALUES;
+        }
+        assert_float_equal(s.tv, tv[0], 1e-4 * tv[0]); /* signs at a border */
+        assert_true(fabs(tv[1] - tv[0]) > 1e-2 * tv[0]);
+        sg_attack_destroy(&a);
+    }
+    sg_renderer_destroy(&r);
+}
+
+/* A poison is what the decoy shows in the end, within the bound, and not an image of the steps. */
+static void test_shown(void **state)
+{
+    struct fixture *f = *state;
+    sg_attack *a = begin(f, &(struct sg_attack_params){SHORT});
+    struct sg_model *decoy;
+    sg_renderer *r;
+    advance(f, a, 60);
+    assert_int_equal(sg_attack_decoy(a, &decoy), SG_OK);
+    assert_int_equal(sg_renderer_create(f->ctx, NULL, NULL, decoy, NULL, &r), SG_OK);
+    for (size_t v = 0; v < VIEWS; v++) {
+        uint8_t poison[3 * SIDE * SIDE], shown[3 * SIDE * SIDE];
+        float planes[3 * SIDE * SIDE];
+        int differ = 0;
+        assert_int_equal(sg_attack_poison(a, v, poison), SG_OK);
+        assert_int_equal(sg_render(r, &f->views[v].camera, planes, NULL, NULL, NULL), SG_OK);
+        sg_quantise(planes, SIDE, SIDE, shown);
+        for (int i = 0; i < 3 * SIDE * SIDE; i++) {
+            const int photo = f->views[v].rgb[i], low = photo - 16, high = photo + 16,
+                      within = shown[i] < low    ? low
+                               : shown[i] > high ? high
+                                                 : shown[i];
+            assert_int_equal(poison[i], within);
+            differ += within != photo;
+        }
+        assert_true(differ > 1000);
+    }
+    sg_renderer_destroy(&r);
+    sg_model_destroy(&decoy);
+    sg_attack_destroy(&a);
+}
+
 /* Against an audit: the bound of each pixel, exactly, in a poison that all views agree on. */
 static void test_textured(void **state)
 {
@@ -584,6 +694,9 @@ int main(void)
         LOOP(test_bounded),
         LOOP(test_unbounded),
         LOOP(test_positions),
+        LOOP(test_schedule),
+        LOOP(test_start),
+        LOOP(test_shown),
         LOOP(test_textured),
         LOOP(test_victim_tolerance),
         LOOP(test_victim_gaussians),
