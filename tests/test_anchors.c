@@ -581,6 +581,10 @@ static void test_weights(void **state)
     for (size_t i = SG_WEIGHT_AT(appearance); i < SG_WEIGHTS; i++)
         count[sg_weight_network(i)]++;
     assert_int_equal(count[SG_N_COLOUR], 3166);
+    size_t bank = 0;
+    for (size_t i = SG_WEIGHTS_PLAIN; i < SG_WEIGHTS; i++)
+        bank += sg_weight_network(i) == SG_N_BANK;
+    assert_int_equal(bank, 259);
 }
 
 int main(void)
