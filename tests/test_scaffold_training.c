@@ -2,6 +2,7 @@
 /* Trainings of anchors: what is the same, what a checkpoint keeps, and what limits do. */
 #include <unistd.h>
 
+#include "train/schedule.h"
 #include "training_anchors.h"
 
 static sg_trainer *begin(struct fixture *f, const struct sg_train_params *p)
@@ -243,6 +244,160 @@ static void test_steps(void **state)
     clear_points(&f);
 }
 
+/* To how far two numbers are apart. */
+static void widen(double *most, float a, float b)
+{
+    *most = fmax(*most, fabs((double) a - (double) b));
+}
+
+/* Rates at half of the published schedule. The first step of Adam is as long as the rate, in each
+ * group of anchors' numbers and each network. Features are 0 before it, so that of the feature bank
+ * is 0, and the second one shorter. */
+static void test_rates(void **state)
+{
+    (void) state;
+    sg_trainer published = {.params = sg_train_params_default(), .extent = 3};
+    const struct sg_scaffold_params *s = &published.params.scaffold;
+    const float pairs[SG_NETWORK_RATES][2] = {{s->opacity_lr_init, s->opacity_lr_final},
+                                              {s->covariance_lr_init, s->covariance_lr_final},
+                                              {s->colour_lr_init, s->colour_lr_final},
+                                              {s->bank_lr_init, s->bank_lr_final},
+                                              {s->appearance_lr_init, s->appearance_lr_final}};
+    static const double half[SG_NETWORK_RATES] = {2e-4, 0.004, 6.3246e-4, 3.1623e-4, 0.005};
+    double lr[SG_GROUPS];
+    for (int n = 0; n < SG_NETWORK_RATES; n++)
+        assert_float_equal(sg_falling_lr(&published.params, 15000, pairs[n][0], pairs[n][1]),
+                           half[n], 1e-4 * half[n]);
+    sg_strategy_scaffold.rates(&published, 14999, 15000, lr);
+    assert_float_equal(lr[SG_G_OFFSET], 0.003, 1e-8);
+    assert_float_equal(lr[SG_G_FEATURE], 0.0075, 1e-8);
+    assert_float_equal(lr[SG_G_SCALE], 0.007, 1e-8);
+    assert_true(lr[SG_G_OPACITY] == 0 && lr[SG_G_ROT] == 0);
+
+    struct fixture f = make_points(1);
+    struct sg_train_params p = scaffold_params();
+    p.scaffold.distance = p.scaffold.bank = p.scaffold.appearance = true;
+    struct course course;
+    sg_trainer *t = begin(&f, &p);
+    struct sg_model *m[3];
+    double most[2][SG_NETWORK_RATES] = {{0}}, anchors[3] = {0};
+    assert_int_equal(sg_trainer_model(t, &m[0]), SG_OK);
+    for (int it = 1; it <= 2; it++) {
+        const size_t view = sg_trainer_pick_view(t, (uint64_t) it);
+        m[it] = run(&f, t, it, &course);
+        const struct sg_networks *now = m[it]->columns->networks,
+                                 *before = m[it - 1]->columns->networks;
+        for (size_t i = 0; i < SG_WEIGHTS; i++)
+            widen(&most[it - 1][sg_weight_network(i)], ((const float *) &now->value)[i],
+                  ((const float *) &before->value)[i]);
+        for (int k = 0; k < SG_APPEARANCE; k++)
+            widen(&most[it - 1][SG_N_APPEARANCE], now->appearance[view].value[k],
+                  before->appearance[view].value[k]);
+    }
+    for (int k = 0; k < SG_NETWORK_RATES; k++) {
+        const int it = k == SG_N_BANK ? 2 : 1; /* of Adam's second step: 0.1 / 0.19 and the root */
+        const double rate = sg_falling_lr(&p, it, pairs[k][0], pairs[k][1]) *
+                            (it == 1 ? 1 : 0.1 / 0.19 * sqrt(0.001999 / 0.001)),
+                     found = most[it - 1][k];
+        if (fabs(found - rate) > 1e-3 * rate || (it == 2 && most[0][k] != 0))
+            fail_msg("network %d: a step of %g, expected %g", k, found, rate);
+    }
+    for (size_t i = 0; i < m[0]->count; i++)
+        for (int plane = 0; plane < SG_A_PLANES; plane++) {
+            const size_t at = sg_param_index(SG_A_PLANES, i, plane);
+            widen(&anchors[plane < SG_A_FEATURE ? 0
+                           : plane < SG_A_SIZE  ? 1
+                                                : 2],
+                  m[1]->columns->at[SG_C_ANCHOR][at], m[0]->columns->at[SG_C_ANCHOR][at]);
+        }
+    sg_strategy_scaffold.rates(t, 0, 1, lr);
+    assert_float_equal(anchors[0], lr[SG_G_OFFSET], 1e-3 * lr[SG_G_OFFSET]);
+    assert_float_equal(anchors[1], lr[SG_G_FEATURE], 1e-3 * lr[SG_G_FEATURE]);
+    assert_float_equal(anchors[2], lr[SG_G_SCALE], 1e-3 * lr[SG_G_SCALE]);
+    for (int k = 0; k < 3; k++)
+        sg_model_destroy(&m[k]);
+    sg_trainer_destroy(&t);
+    clear_points(&f);
+}
+
+/* The numbers of all photos move in each iteration, those of other views by their momentum. */
+static void test_momentum(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(1);
+    struct sg_train_params p = scaffold_params();
+    struct course course;
+    p.scaffold.appearance = true;
+    sg_trainer *t = begin(&f, &p);
+    struct sg_model *before = run(&f, t, VIEWS, &course), *after = run(&f, t, VIEWS + 1, &course);
+    for (size_t i = 0; i < VIEWS; i++)
+        for (int k = 0; k < SG_APPEARANCE; k++)
+            assert_true(before->columns->networks->appearance[i].value[k] !=
+                        after->columns->networks->appearance[i].value[k]);
+    sg_model_destroy(&before);
+    sg_model_destroy(&after);
+    sg_trainer_destroy(&t);
+    clear_points(&f);
+}
+
+/* Makes the networks say the same of all Gaussians: that they are drawn, or not. */
+static void draw_all(sg_trainer *t, bool drawn)
+{
+    struct sg_model *m;
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    for (int o = 0; o < SG_ANCHOR_GAUSSIANS; o++) { /* tanh(1) */
+        m->columns->networks->value.bias[SG_O_OPACITY + o] = drawn ? 1 : -1;
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+            m->columns->networks->value.output[SG_O_OPACITY + o][h] = 0;
+    }
+    assert_int_equal(sg_engine_upload(t->engine, m, m->columns), SG_OK);
+    sg_model_destroy(&m);
+}
+
+/* A view counts an anchor that it sees, also one that draws nothing there, which adds no opacity:
+ * else the emptiest would never go. */
+static void test_seen(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    for (int k = 0, n = engine_cases(cases); k < n; k++) {
+        struct fixture f = make_points(2);
+        struct sg_train_params p = scaffold_params();
+        struct sg_columns o[2];
+        size_t count = 0;
+        double seen = 0;
+        p.engine = cases[k].engine, p.cpu = cases[k].variant;
+        p.scaffold.from = 1000; /* statistics begin after iteration 2 */
+        p.scaffold.scaling_lr = 0;
+        for (int drawn = 0; drawn < 2; drawn++) {
+            sg_trainer *t = begin(&f, &p);
+            draw_all(t, drawn);
+            while (sg_trainer_iteration(t) < 10)
+                assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+            count = sg_engine_count(t->engine);
+            assert_int_equal(
+                sg_columns_create(f.ctx, count, 0, SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, &o[drawn]),
+                SG_OK);
+            assert_int_equal(sg_engine_download(t->engine, NULL, &o[drawn]), SG_OK);
+            sg_trainer_destroy(&t);
+        }
+        for (size_t i = 0; i < count; i++) {
+            const float *a[2];
+            for (int drawn = 0; drawn < 2; drawn++)
+                a[drawn] =
+                    o[drawn].at[SG_C_ANCHOR_STATISTICS] + sg_param_index(SG_A_STATISTICS, i, 0);
+            assert_true(a[0][SG_A_SEEN * SG_LANES] == a[1][SG_A_SEEN * SG_LANES]);
+            assert_true(a[0][SG_A_OPACITY * SG_LANES] == 0);
+            assert_true((a[1][SG_A_OPACITY * SG_LANES] > 0) == (a[1][SG_A_SEEN * SG_LANES] > 0));
+            seen += (double) a[0][SG_A_SEEN * SG_LANES];
+        }
+        assert_true(seen > 4 * (double) count && seen <= 8 * (double) count);
+        for (int drawn = 0; drawn < 2; drawn++)
+            sg_columns_clear(&o[drawn]);
+        clear_points(&f);
+    }
+}
+
 /* A view that draws nothing has a loss, and leaves no NaN. */
 static void test_nothing_drawn(void **state)
 {
@@ -252,16 +407,8 @@ static void test_nothing_drawn(void **state)
     struct course course;
     p.scaffold.from = 1000;
     sg_trainer *t = begin(&f, &p);
-    struct sg_model *m;
-    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
-    for (int o = 0; o < SG_ANCHOR_GAUSSIANS; o++) { /* tanh(-1) */
-        m->columns->networks->value.bias[SG_O_OPACITY + o] = -1;
-        for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
-            m->columns->networks->value.output[SG_O_OPACITY + o][h] = 0;
-    }
-    assert_int_equal(sg_engine_upload(t->engine, m, m->columns), SG_OK);
-    sg_model_destroy(&m);
-    m = run(&f, t, 10, &course);
+    draw_all(t, false);
+    struct sg_model *m = run(&f, t, 10, &course);
     const float *w = (const float *) m->columns->networks;
     for (size_t i = 0; i < sizeof(*m->columns->networks) / sizeof(float); i++)
         assert_true(isfinite(w[i]));
@@ -565,12 +712,14 @@ static void test_masks(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_threads),   cmocka_unit_test(test_engines),
-        cmocka_unit_test(test_resume),    cmocka_unit_test(test_parts),
-        cmocka_unit_test(test_steps),     cmocka_unit_test(test_nothing_drawn),
-        cmocka_unit_test(test_limits),    cmocka_unit_test(test_memory),
-        cmocka_unit_test(test_filter),    cmocka_unit_test(test_hidden),
-        cmocka_unit_test(test_constants), cmocka_unit_test(test_sizes),
-        cmocka_unit_test(test_masks),     cmocka_unit_test(test_refused)};
+        cmocka_unit_test(test_threads), cmocka_unit_test(test_engines),
+        cmocka_unit_test(test_resume),  cmocka_unit_test(test_parts),
+        cmocka_unit_test(test_steps),   cmocka_unit_test(test_nothing_drawn),
+        cmocka_unit_test(test_rates),   cmocka_unit_test(test_momentum),
+        cmocka_unit_test(test_seen),    cmocka_unit_test(test_limits),
+        cmocka_unit_test(test_memory),  cmocka_unit_test(test_filter),
+        cmocka_unit_test(test_hidden),  cmocka_unit_test(test_constants),
+        cmocka_unit_test(test_sizes),   cmocka_unit_test(test_masks),
+        cmocka_unit_test(test_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
