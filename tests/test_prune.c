@@ -275,6 +275,13 @@ static void rates_follow_the_released_schedule(void **state)
     double lr[SG_GROUPS] = {1, 1, 1, 1, 1, 1};
     sg_strategy_finetune.rates(NULL, 4998, 4999, lr);
     assert_true(fabs(lr[SG_G_OPACITY] - pow(0.95, 12)) < 1e-12 && lr[SG_G_XYZ] == 1);
+    /* LightGaussian during training: 3 % every 1000. */
+    for (int it = 999; it <= 1001; it++) {
+        double during[SG_GROUPS] = {1, 1, 1, 1, 1, 1};
+        sg_strategy_lightgaussian.rates(NULL, it - 1, it, during);
+        assert_true(during[SG_G_XYZ] == (it == 1000 ? 0.97 : 1));
+        assert_true(during[SG_G_DC] == (it < 1000 ? 1 : 0.97));
+    }
 }
 
 static double mean_psnr(struct fixture *f, const struct sg_model *m)
@@ -462,8 +469,21 @@ static void limits_are_met(void **state)
     clear_fixture(&f);
 }
 
-/* With a limit of 4 nothing grows; what is larger than 20 pixels goes at the first densification
- * after the first reset. A resumed run has the same bytes. */
+/* Of the first three, which are as large as the view. */
+static size_t large_of(sg_trainer *t)
+{
+    struct sg_model *m;
+    size_t n = 0;
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    for (size_t i = 0; i < m->count; i++)
+        n += *sg_model_at(m, i, SG_P_SCALE) > -0.8f;
+    sg_model_destroy(&m);
+    return n;
+}
+
+/* Where the limit is met from the start nothing grows; what is larger than 20 pixels goes at the
+ * first densification after the first reset, and not at that of the reset. A resumed run has the
+ * same bytes. A limit that is never met changes nothing. */
 static void universal_threshold_is_the_released_one(void **state)
 {
     (void) state;
@@ -483,17 +503,27 @@ static void universal_threshold_is_the_released_one(void **state)
         struct sg_train_step s;
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);
         assert_int_equal(s.cloned + s.split, 0);
-        if (s.iteration == 20)
+        if (s.iteration == 20) {
             at_20 = s.gaussians;
+            assert_int_equal(large_of(t), 3);
+        }
         if (s.iteration == 25)
             assert_true(s.pruned >= 1 && s.gaussians == at_20 - s.pruned);
     }
-    assert_true(at_20 > 0);
+    assert_true(at_20 > 0 && large_of(t) == 0);
     sg_trainer_destroy(&t);
     struct sg_model *whole = train(&f, &p, 40, "universal_at_20.bin", NULL, NULL),
                     *resumed = train(&f, &p, 40, NULL, "universal_at_20.bin", NULL);
     assert_same(whole, resumed);
     remove("universal_at_20.bin");
+    sg_model_destroy(&whole);
+    sg_model_destroy(&resumed);
+    p.max_gaussians = 1000000;
+    whole = train(&f, &p, 40, NULL, NULL, NULL);
+    p.max_gaussians = 0, p.at_limit = SG_AT_LIMIT_SCORE;
+    resumed = train(&f, &p, 40, NULL, NULL, NULL);
+    assert_true(whole->count > f.start->count);
+    assert_same(whole, resumed);
     sg_model_destroy(&whole);
     sg_model_destroy(&resumed);
     clear_fixture(&f);
