@@ -11,8 +11,9 @@
 enum { STAYS, CLONES, SPLITS, GOES };
 
 /* Clones take the place after all survivors, then the first children, then the second, in index
- * order: the order of the released code. The screen-size test of the paper is left out because it
- * is dead there: the radii are cleared by the clone step before they are read. */
+ * order: the order of the released code. The screen-size test of the paper is dead there: the radii
+ * are cleared by the clone step before they are read. So it is left out, but where growth is
+ * paused. */
 struct plan {
     uint8_t *keep, *kind; /* keep: first what becomes of each, then whether it stays */
     uint32_t *source;
