@@ -297,6 +297,95 @@ static void test_moments(void **state)
     clear_fixture(&f);
 }
 
+/* Draws of an edit, each with the probability of its opacity. */
+static void draw_sources(const double *opacity, const bool *counts, size_t n, uint64_t seed,
+                         enum sg_rng_use use, int it, size_t draws, size_t *source, unsigned *times)
+{
+    double sum = 0;
+    for (size_t i = 0; i < n; i++) {
+        sum += counts[i] ? opacity[i] : 0;
+        times[i] = 0;
+    }
+    for (size_t k = 0; k < draws; k++) {
+        const double u = (double) (sg_rng_u64(seed, use, (uint64_t) it, k) >> 11) * 0x1p-53;
+        double below = 0;
+        size_t i = 0;
+        while (below += counts[i] ? opacity[i] : 0, below <= u * sum)
+            i++;
+        source[k] = i;
+        times[i]++;
+    }
+}
+
+/* Gives a Gaussian its share: its logit, and what its scales gain. */
+static void take_share(const struct sg_mcmc_params *p, double *opacity, unsigned times,
+                       double *scale)
+{
+    double gain;
+    *opacity = sg_mcmc_share(p, *opacity, times + 1, &gain);
+    *scale += log(gain);
+}
+
+/* A whole edit: the dead become copies of those that are alive, which share their opacity with
+ * them; then copies are added of all, by the opacities that there are then. */
+static void test_edit(void **state)
+{
+    (void) state;
+    enum { BEFORE = 120, AFTER = 168, DEAD = 40 };
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = mcmc_params();
+    struct sg_model *m[2];
+    size_t source[AFTER], of[AFTER], drawn_dead = 0;
+    unsigned times[BEFORE];
+    double opacity[BEFORE], scale[BEFORE] = {0};
+    bool alive[BEFORE], all[BEFORE];
+    p.mcmc.cap_max = 1000, p.mcmc.growth = 1.4, p.mcmc.dead = 0.2f, p.mcmc.noise_lr = 0;
+    p.opacity_lr = 0;
+    for (size_t i = 0; i < BEFORE; i++) /* 0.19, 0.3 and 0.9 */
+        *sg_model_at(f.start, i, SG_P_OPACITY) = i < DEAD ? -1.45f : i % 2 ? -0.85f : 2.2f;
+    sg_trainer *t = begin_training(&f, &p);
+    for (int k = 0; k < 2; k++) {
+        while (sg_trainer_iteration(t) < 9 + k)
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        assert_int_equal(sg_trainer_model(t, &m[k]), SG_OK);
+    }
+    for (size_t i = 0; i < BEFORE; i++) {
+        opacity[i] = 1 / (1 + exp(-(double) *sg_model_at(m[0], i, SG_P_OPACITY)));
+        of[i] = i, alive[i] = i >= DEAD, all[i] = true;
+    }
+    draw_sources(opacity, alive, BEFORE, p.seed, SG_RNG_RELOCATE, 10, DEAD, source, times);
+    for (size_t i = DEAD; i < BEFORE; i++)
+        if (times[i])
+            take_share(&p.mcmc, &opacity[i], times[i], &scale[i]);
+    for (size_t i = 0; i < DEAD; i++)
+        of[i] = source[i], opacity[i] = opacity[source[i]], scale[i] = scale[source[i]];
+    draw_sources(opacity, all, BEFORE, p.seed, SG_RNG_GROW, 10, AFTER - BEFORE, source, times);
+    for (size_t i = 0; i < BEFORE; i++)
+        if (times[i])
+            take_share(&p.mcmc, &opacity[i], times[i], &scale[i]);
+    assert_int_equal(m[1]->count, AFTER);
+    for (size_t i = 0; i < AFTER; i++) {
+        const size_t at = i < BEFORE ? i : source[i - BEFORE];
+        drawn_dead += i >= BEFORE && at < DEAD;
+        for (int plane = 0; plane < sg_param_count(1); plane++) {
+            double expected = (double) *sg_model_at(m[0], of[at], plane);
+            if (plane == SG_P_OPACITY)
+                expected = log(opacity[at] / (1 - opacity[at]));
+            else if (plane >= SG_P_SCALE && plane < SG_P_ROT)
+                expected += scale[at];
+            const double found = (double) *sg_model_at(m[1], i, plane);
+            if (fabs(found - expected) > 1e-5 + 1e-5 * fabs(expected))
+                fail_msg("Gaussian %zu, plane %d: found %g, expected %g", i, plane, found,
+                         expected);
+        }
+    }
+    assert_true(drawn_dead > 0);
+    for (int k = 0; k < 2; k++)
+        sg_model_destroy(&m[k]);
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
 /* Five edits without a death from 100000 on. */
 static void test_growth(void **state)
 {
@@ -405,11 +494,12 @@ static void test_defense(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_share),        cmocka_unit_test(test_share_conserves),
-        cmocka_unit_test(test_regularisers), cmocka_unit_test(test_order),
-        cmocka_unit_test(test_noise),        cmocka_unit_test(test_moments),
-        cmocka_unit_test(test_growth),       cmocka_unit_test(test_begin),
-        cmocka_unit_test(test_defense),      cmocka_unit_test(test_random_points),
+        cmocka_unit_test(test_share),         cmocka_unit_test(test_share_conserves),
+        cmocka_unit_test(test_regularisers),  cmocka_unit_test(test_order),
+        cmocka_unit_test(test_noise),         cmocka_unit_test(test_moments),
+        cmocka_unit_test(test_edit),          cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_begin),         cmocka_unit_test(test_defense),
+        cmocka_unit_test(test_random_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
