@@ -224,6 +224,23 @@ static void test_renewal(void **state)
     clear_fixture(&f);
 }
 
+/* While the model grows each densification makes the filter anew, and nothing else does. */
+static void test_growing(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = short_params();
+    p.model = SG_MODEL_MIP;
+    for (int last = 9; last <= 15; last += 3) { /* densifies at 10, 15, ... */
+        sg_trainer *t = begin_training(&f, &p);
+        for (int it = 1; it <= last; it++)
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        assert_int_equal(follows(&f, t), last == 15);
+        sg_trainer_destroy(&t);
+    }
+    clear_fixture(&f);
+}
+
 /* A file with the filter beside the parameters has it as its last property, and is read as the
  * folded model; a filter that is no number is refused. */
 static void test_files(void **state)
@@ -268,10 +285,10 @@ static void test_files(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_values), cmocka_unit_test(test_gradient),
-        cmocka_unit_test(test_growth), cmocka_unit_test(test_schedule),
-        cmocka_unit_test(test_model),  cmocka_unit_test(test_renewal),
-        cmocka_unit_test(test_files),
+        cmocka_unit_test(test_values),  cmocka_unit_test(test_gradient),
+        cmocka_unit_test(test_growth),  cmocka_unit_test(test_schedule),
+        cmocka_unit_test(test_model),   cmocka_unit_test(test_renewal),
+        cmocka_unit_test(test_growing), cmocka_unit_test(test_files),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
