@@ -120,6 +120,35 @@ static void pup_agrees_with_brute_force(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* A view is reduced as a whole: to sides that are rounded up, with the same fields of view. */
+static void pup_reduces_views(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    const struct sg_camera camera = make_camera(45, 38, 3), *const view = &camera;
+    struct sg_camera small = camera;
+    const struct sg_camera *const reduced = &small;
+    struct sg_model *m = make_model(ctx, MOST, 1, 5);
+    double *own = calloc(36 * MOST, sizeof(double)), *expected = calloc(36 * MOST, sizeof(double));
+    struct sg_prune_params p = params_of(SG_PRUNER_PUP);
+    small.width = 12, small.height = 10;
+    small.fx *= 12 / 45.0, small.cx *= 12 / 45.0, small.fy *= 10 / 38.0, small.cy *= 10 / 38.0;
+    assert_int_equal(p.reduce, 4);
+    assert_int_equal(sg_pup_fisher(ctx, &view, 1, m, &p, own), SG_OK);
+    p.reduce = 1;
+    assert_int_equal(sg_pup_fisher(ctx, &reduced, 1, m, &p, expected), SG_OK);
+    size_t seen = 0;
+    for (size_t i = 0; i < 36 * m->count; i++) {
+        assert_true(fabs(own[i] - expected[i]) <= 1e-9 * fabs(expected[i]));
+        seen += expected[i] != 0;
+    }
+    assert_true(seen > 36 * MOST / 2);
+    free(own);
+    free(expected);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 static void log_det_is_exact(void **state)
 {
     (void) state;
@@ -573,6 +602,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(pup_agrees_with_brute_force),
+        cmocka_unit_test(pup_reduces_views),
         cmocka_unit_test(log_det_is_exact),
         cmocka_unit_test(lightgaussian_agrees_with_a_naive_rasteriser),
         cmocka_unit_test(lightgaussian_has_known_values),
