@@ -240,6 +240,11 @@ static void test_steps(void **state)
     assert_true(same < before->count / 4);
     sg_model_destroy(&before);
     sg_model_destroy(&after);
+    before = run(&f, t, p.iterations - 1, &course);
+    after = run(&f, t, p.iterations, &course); /* the last iteration takes no step */
+    assert_same_anchors(before, after);
+    sg_model_destroy(&before);
+    sg_model_destroy(&after);
     sg_trainer_destroy(&t);
     clear_points(&f);
 }
