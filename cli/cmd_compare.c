@@ -294,7 +294,7 @@ static int run_compare(const void *config, const bool *given, const char *const 
 const struct command command_compare = {
     .name = "compare",
     .arguments = "RUN... [--scene SCENE] [options]",
-    .summary = "Prints what runs cost and give next to each other.",
+    .summary = "Compares the cost and the quality of runs.",
     .description = "Gaussians, time, memory by kind, rendering speed and quality of runs of "
                    "`splatguard train`, with ratios to the first. With --scene, PSNR, SSIM and "
                    "speed are measured anew on its views: give the clean scene to runs on poisoned "

@@ -68,7 +68,7 @@ static int run_export(const void *config, const bool *given, const char *const *
 const struct command command_export = {
     .name = "export",
     .arguments = "RUN|MODEL OUT --view-independent [options]",
-    .summary = "Makes a model that viewers open of anchors (train --model scaffold).",
+    .summary = "Makes a model for other viewers from a run with --model scaffold.",
     .description =
         "Scaffold-GS makes its Gaussians for each view anew. This writes one Gaussian for each of "
         "those that the training views drew, with the means of opacity, size, rotation and colour, "

@@ -188,12 +188,12 @@ const struct command command_info = {
     .summary = "Says what is in a model or a scene and what is wrong with it.",
     .description =
         "Of a model: count, SH degree, bounds and percentiles of scale and opacity. A file that "
-        "cannot be read is refused with the place and the reason. Exit status 2 also for a model "
-        "with values that are not finite, which only convert to .ply takes too. Of a scene: its "
-        "layout, views, sizes, masks, points and cameras, as train would load them; photos that "
-        "would be skipped are warnings. With --devices: the engines and CPU variants of this "
-        "build, and whether this machine runs them; and the devices that the engine vulkan finds, "
-        "by number, name, driver and memory.",
+        "cannot be read is refused with the place and the reason. A model with values that are not "
+        "finite is described too, with exit status 2; it can only be converted to .ply. Of a "
+        "scene: its layout, views, sizes, masks, points and cameras, as train would load them, and "
+        "a warning for photos that would be skipped. With --devices: the engines and CPU variants "
+        "of this build, and whether this machine runs them; and the devices that the engine vulkan "
+        "finds, by number, name, driver and memory.",
     .groups = "Output|Scene",
     .options = info_options,
     .parts = info_parts,

@@ -161,9 +161,9 @@ static const struct sg_option train_options[] = {
               DEFENSE),
     SG_NUMBER(SG_OPTION_FLOAT, "tolerance", tolerance, 0, 255, "LEVELS|auto",
               "The loss compares a render with the nearest image that differs from the photo by "
-              "at most LEVELS grey levels, so that noise within them has no effect. auto: of each "
-              "photo as much as the audit finds noise in it. preset: auto with --defense spectral "
-              "--preset auto, else 0.",
+              "at most LEVELS grey levels, so that noise within them has no effect. auto: for each "
+              "photo as many levels as the audit finds noise in it. preset: auto with --defense "
+              "spectral --preset auto, else 0.",
               DEFENSE, .words = "auto|preset", .first_word = SG_TOLERANCE_AUTO),
     FLOAT("tolerance-tv", tolerance_tv, 0, 1000,
           "Weight of the total variation of renders of photos with a tolerance: it chooses among "
