@@ -425,6 +425,50 @@ static void test_attack(void **state)
     clear_points(&f);
 }
 
+/* An attack of which the device holds every other photo. The variation of each step is its own,
+ * whether it is waited for or arrives while a step of the other kind is the newest. */
+static void test_attack_on_both(void **state)
+{
+    (void) state;
+    enum { STEPS = 12 };
+    struct fixture f = make_points(1);
+    struct sg_attack_params p = sg_attack_params_default();
+    struct sg_attack_step expected[STEPS], logged[STEPS];
+    bool on_device[STEPS];
+    int kinds[2] = {0};
+    f.scene.train = f.views;
+    p.engine = main_engine();
+    p.iterations = STEPS, p.inner = 3;
+    for (int waits = 1; waits >= 0; waits--) {
+        sg_attack *a;
+        assert_int_equal(sg_attack_create(f.ctx, &f.scene, f.start, &p, &a), SG_OK);
+        for (size_t v = 0; v < f.scene.n_train; v += 2) {
+            assert_int_equal(sg_engine_photo_drop(a->trainer->engine, a->trainer->photos[v]),
+                             SG_OK);
+            a->trainer->photos[v] = 0;
+        }
+        for (int k = 0; k < STEPS; k++) {
+            assert_int_equal(
+                (waits ? sg_attack_step : sg_attack_advance)(a, waits ? &expected[k] : &logged[k]),
+                SG_OK);
+            on_device[k] = a->on_device;
+            kinds[on_device[k]]++;
+            if (waits || !k)
+                continue;
+            bool known;
+            assert_int_equal(
+                sg_attack_arrived(a, sg_attack_view(a) - 1, true, &logged[k - 1], &known), SG_OK);
+            assert_true(known);
+            if (logged[k - 1].tv != expected[k - 1].tv)
+                fail_msg("step %d: variation %g, expected %g", k, logged[k - 1].tv,
+                         expected[k - 1].tv);
+        }
+        sg_attack_destroy(&a);
+    }
+    assert_true(kinds[0] > 4 && kinds[1] > 4);
+    clear_points(&f);
+}
+
 /* A view is drawn, has no room, and is left before the optimiser: its radii count all the same. */
 static void test_left_view(void **state)
 {
@@ -590,12 +634,12 @@ int main(void)
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_depths),    cmocka_unit_test(test_overflow),
-        cmocka_unit_test(test_no_memory), cmocka_unit_test(test_variants),
-        cmocka_unit_test(test_passing),   cmocka_unit_test(test_attack),
-        cmocka_unit_test(test_anchors),   cmocka_unit_test(test_left_view),
-        cmocka_unit_test(test_threads),   cmocka_unit_test(test_shared),
-        cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_depths),         cmocka_unit_test(test_overflow),
+        cmocka_unit_test(test_no_memory),      cmocka_unit_test(test_variants),
+        cmocka_unit_test(test_passing),        cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_attack_on_both), cmocka_unit_test(test_anchors),
+        cmocka_unit_test(test_left_view),      cmocka_unit_test(test_threads),
+        cmocka_unit_test(test_shared),         cmocka_unit_test(test_loss),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -305,13 +305,12 @@ static int render_and_ascend(sg_attack *a, size_t index, struct sg_attack_step *
 }
 
 /* What the engine has measured of a step. */
-static void take_values(const sg_attack *a, const struct sg_step *result,
-                        struct sg_attack_step *step)
+static void take_values(const struct sg_step *result, struct sg_attack_step *step)
 {
     const struct sg_photometric_value value = result->photometric;
     step->loss = value.total, step->l1 = value.l1, step->ssim = value.ssim;
     step->psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
-    step->tv = a->on_device ? result->variation : step->tv;
+    step->tv = isnan(result->variation) ? step->tv : result->variation;
 }
 
 int sg_attack_values(sg_attack *a, struct sg_attack_step *step)
@@ -319,7 +318,7 @@ int sg_attack_values(sg_attack *a, struct sg_attack_step *step)
     struct sg_step result;
     const int code = sg_engine_read_arrived(a->trainer->engine, true, &result);
     if (!code)
-        take_values(a, &result, step);
+        take_values(&result, step);
     return code;
 }
 
@@ -333,7 +332,7 @@ int sg_attack_arrived(sg_attack *a, uint64_t view, bool wait, struct sg_attack_s
 {
     struct sg_step result;
     const int code = sg_engine_read_view(a->trainer->engine, view, wait, &result, known);
-    take_values(a, &result, step);
+    take_values(&result, step);
     return code;
 }
 
@@ -412,8 +411,10 @@ int sg_attack_advance(sg_attack *a, struct sg_attack_step *out)
     if (!code && out) {
         struct sg_step result;
         code = sg_engine_read_arrived(t->engine, false, &result);
+        if (!a->on_device)
+            result.variation = NAN; /* that of this step is known */
         if (!code)
-            take_values(a, &result, &step);
+            take_values(&result, &step);
         *out = step;
     }
     return sg_progress_release(t->ctx, code, SG_STAGE_ATTACK, done, all);

@@ -380,6 +380,7 @@ static void clear_step(struct sg_step *step)
     *step = (struct sg_step){0};
     for (int k = 0; k < SG_LOSSES; k++)
         step->loss[k] = NAN;
+    step->variation = NAN;
 }
 
 static int check_filter(const struct sg_engine *e, const struct sg_render_params *params)

@@ -309,7 +309,7 @@ struct sg_step {
     struct sg_photometric_value photometric;
     double loss[SG_LOSSES];       /* without their weights; NAN = not in the list */
     double exposure[SG_EXPOSURE]; /* dL/dexposure of the photometric loss, if the target has one */
-    double variation;             /* of the image of sg_engine_ascend_view: mean over its values */
+    double variation;             /* mean over the image of sg_engine_ascend_view; NAN without it */
     uint64_t number;              /* of a view that was optimised: which one, from 1; else 0 */
     uint64_t most;                /* and the largest number of instances up to it */
 };
