@@ -155,6 +155,32 @@ static void test_extremes(void **state)
     }
 }
 
+/* A Gaussian with numbers that no scene has changes no other one. */
+static void test_outliers(void **state)
+{
+    struct fixture *f = *state;
+    static const float values[] = {-3e38f, -1e20f, -1e12f, 1e20f};
+    for (int k = 0; k < 4; k++) {
+        struct sg_model *m = make_model(f->ctx, 300, 1, 2);
+        for (int p = SG_P_SCALE; p < SG_P_SCALE + 3; p++)
+            *sg_model_at(m, 7, p) = values[k];
+        for (int p = SG_P_SH; p < sg_param_count(1); p++)
+            *sg_model_at(m, 7, p) = values[k];
+        struct sg_model *back = write_and_read(f, m);
+        uint32_t *order = order_of(f->ctx, m);
+        for (size_t j = 0; j < m->count; j++)
+            for (int c = 0; c < 3 && order[j] != 7; c++) {
+                near_to(*sg_model_at(back, j, SG_P_SCALE + c),
+                        *sg_model_at(m, order[j], SG_P_SCALE + c), 4.0 / 256, "scale", order[j]);
+                near_to(*sg_model_at(back, j, SG_P_SH + c), *sg_model_at(m, order[j], SG_P_SH + c),
+                        5.0 / 256, "sh_dc", order[j]);
+            }
+        free(order);
+        sg_model_destroy(&m);
+        sg_model_destroy(&back);
+    }
+}
+
 /* Tables of few numbers are exact; of many, near the best: of a normal distribution, 256 levels
  * leave an error of 2.72 / 256^2 of the variance (Panter and Dite 1951). */
 static void test_tables(void **state)
@@ -235,7 +261,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         scene_test(test_round_trip), scene_test(test_repeated_values), scene_test(test_same_bytes),
-        scene_test(test_extremes),   scene_test(test_tables),          scene_test(test_palette),
+        scene_test(test_extremes),   scene_test(test_outliers),        scene_test(test_tables),
+        scene_test(test_palette),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -68,9 +68,13 @@ int sg_make_table(sg_ctx *ctx, float *values, size_t n, float table[SG_TABLE_SIZ
     }
     qsort(values, n, sizeof(*values), sg_float_ascending);
     sg_free(room);
-    sums[0] = 0;
-    for (size_t i = 0; i < n; i++)
+    /* Outwards from 0, so that no large value cancels small ones in a difference. */
+    const size_t middle = lower_bound(values, 0, n, 0);
+    sums[middle] = 0;
+    for (size_t i = middle; i < n; i++)
         sums[i + 1] = sums[i] + (double) values[i];
+    for (size_t i = middle; i-- > 0;)
+        sums[i] = sums[i + 1] - (double) values[i];
     const size_t runs = cut(values, n, sums, start);
     for (int round = 0; round < TABLE_ROUNDS; round++) {
         bool moved = false;
