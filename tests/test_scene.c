@@ -332,6 +332,25 @@ static void nerfstudio(void **state)
     sg_scene_destroy(&s);
 }
 
+/* A camera of which one side is known: the photo is as much smaller in both. */
+static void nerfstudio_one_side(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const sides[] = {"\"w\":40,", "\"h\":20,", "\"w\":40,\"h\":20,"};
+    char text[400];
+    put_png(f, "a.png", 20, 10, 3, 'a');
+    for (int k = 0; k < 6; k++) {
+        snprintf(text, sizeof(text), "{%s%s\"frames\":[" FRAME("a.png", 1) "]}", sides[k / 2],
+                 k % 2 ? "\"camera_angle_x\":1.2,\"camera_angle_y\":0.7," : "\"fl_x\":60,");
+        put_text(f, "transforms.json", text);
+        struct sg_scene *s = load(f, sg_scene_params());
+        close_to(s->train[0].camera.fx, k % 2 ? 10 / tan(0.6) : 30);
+        close_to(s->train[0].camera.fy, k % 2 ? 5 / tan(0.35) : 30);
+        close_to(s->train[0].camera.cy, 5);
+        sg_scene_destroy(&s);
+    }
+}
+
 static void nerfstudio_own_split(void **state)
 {
     struct fixture *f = *state;
@@ -520,6 +539,7 @@ int main(void)
         scene_test(colmap_rig),
         scene_test(resolution_rule),
         scene_test(nerfstudio),
+        scene_test(nerfstudio_one_side),
         scene_test(nerfstudio_own_split),
         scene_test(nerfstudio_split_memory),
         scene_test(masks),

@@ -83,7 +83,11 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
             shot->path, width, height, lens->width, lens->height, shot->camera);
     double sx = lens->width ? (double) width / lens->width : 1,
            sy = lens->height ? (double) height / lens->height : 1;
-    double own = lens->width ? lens->width : width, own_y = lens->height ? lens->height : height;
+    if (!lens->width) /* one side says how much smaller the photo is */
+        sx = sy;
+    if (!lens->height)
+        sy = sx;
+    const double own = width / sx, own_y = height / sy;
     if (!(lens->fx > 0))
         lens->fx = own / (2 * tan(lens->angle_x / 2));
     if (!(lens->fy > 0))
