@@ -57,7 +57,7 @@ static int write_scene(sg_ctx *ctx, const struct sg_scene *scene, const struct s
         error = sg_poisoned_scene_image(ctx, scene, view, &c->files, c->output, rgb, NULL);
         sg_view_release(view);
     }
-    return error;
+    return error ? error : sg_poisoned_scene_finish(ctx, scene, &c->files, c->output);
 }
 
 static int run_smooth(const void *config, const bool *given, const char *const *positional,
@@ -80,7 +80,8 @@ static int run_smooth(const void *config, const bool *given, const char *const *
         return code;
     const char *const inputs[] = {positional[0], NULL};
     interrupt_catch();
-    int error = sg_output_claim(ctx, c->output, "smooth", false, inputs, &output);
+    /* What an interrupted one has left is not a scene yet, and is completed. A scene is refused. */
+    int error = sg_output_claim(ctx, c->output, "smooth", true, inputs, &output);
     if (!error)
         error = sg_poisoned_scene_load(ctx, positional[0], &c->scene, &scene);
     if (!error)

@@ -46,6 +46,8 @@ static struct sg_scene *poison(struct fixture *f, const struct sg_scene *clean,
         free(rgb);
     }
     struct sg_scene *loaded;
+    assert_int_equal(sg_scene_load(f->ctx, folder, NULL, &loaded), SG_ERR_INPUT); /* not yet one */
+    assert_int_equal(sg_poisoned_scene_finish(f->ctx, clean, files, folder), SG_OK);
     const int code = sg_scene_load(f->ctx, folder, sg_scene_params(.eval = eval), &loaded);
     if (code)
         fail_msg("%s", sg_last_error(f->ctx));
@@ -334,6 +336,7 @@ static void test_places(void **state)
         assert_int_equal(sg_poisoned_scene_image(f->ctx, scene, &scene->train[i], &files, folder,
                                                  scene->train[i].rgb, NULL),
                          strstr(scene->train[i].file, "sub/") ? SG_ERR_INPUT : SG_OK);
+    assert_int_equal(sg_poisoned_scene_finish(f->ctx, scene, &files, folder), SG_OK);
     char *text;
     size_t size;
     assert_int_equal(sg_file_read(f->ctx, at(f, "elsewhere/b.png"), 100, &text, &size), SG_OK);

@@ -157,6 +157,7 @@ static void test_written(void **state)
         assert_int_equal(
             sg_poisoned_scene_image(ctx, b, &b->train[i], &files, copy, b->train[i].rgb, NULL),
             SG_OK);
+    assert_int_equal(sg_poisoned_scene_finish(ctx, b, &files, copy), SG_OK);
     again = load(ctx, copy, false);
     assert_int_equal(again->n_train, b->n_train);
     assert_int_equal(again->n_points, b->n_points);

@@ -188,13 +188,10 @@ SG_API void sg_poison_report_clear(struct sg_poison_report *report);
  * Errors: those of sg_scene_load. */
 SG_API int sg_poisoned_scene_load(sg_ctx *ctx, const char *path,
                                   const struct sg_scene_params *params, struct sg_scene **out);
-/* Makes the folder, with the cameras and points of the scene. The transforms and points of Blender
- * scenes and the models of COLMAP are copied. nerfstudio scenes, and photos whose lens distortion
- * was undone, get a transforms.json for the images as written, which keeps what was held out: the
- * test views of the scene, or without any the lists of a nerfstudio scene's own file. Cameras that
- * another set left there are removed. Errors: SG_ERR_USAGE for the scene's own folder; SG_ERR_INPUT
- * for links in the folder, names that are not UTF-8 or too long, two photos whose names differ only
- * in their endings, and files that cannot be read or written; SG_ERR_BUDGET. */
+/* Makes the folder. Cameras that another set left there are removed. Errors: SG_ERR_USAGE for the
+ * scene's own folder; SG_ERR_INPUT for links in the folder, names that are not UTF-8 or too long,
+ * two photos whose names differ only in their endings, and files that cannot be read or written;
+ * SG_ERR_BUDGET. */
 SG_API int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
                                    const struct sg_poison_files *files, const char *folder);
 /* Writes the image of a training or test view, and its mask. An image that another set left there
@@ -204,6 +201,13 @@ SG_API int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene,
                                    const struct sg_view *view, const struct sg_poison_files *files,
                                    const char *folder, const uint8_t *rgb,
                                    struct sg_poison_report *report);
+/* Writes cameras and points, which make the folder a scene: call it after the images. The
+ * transforms and points of Blender scenes and the models of COLMAP are copied. nerfstudio scenes,
+ * and photos whose lens distortion was undone, get a transforms.json for the images as written,
+ * which keeps what was held out: the test views of the scene, or without any the lists of a
+ * nerfstudio scene's own file. Errors: as above. */
+SG_API int sg_poisoned_scene_finish(sg_ctx *ctx, const struct sg_scene *scene,
+                                    const struct sg_poison_files *files, const char *folder);
 
 /* Total variation of height x width x 3 bytes: mean over the values, in grey levels. Sides of at
  * least 1. */

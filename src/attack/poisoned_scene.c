@@ -376,20 +376,22 @@ int sg_poisoned_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_
     return code;
 }
 
+/* What the layouts have beside photos, which says where a scene is. */
+static const char *const blender[] = {"transforms_train.json", "transforms_test.json",
+                                      "transforms_val.json", "points3d.ply", NULL};
+static const char *const colmap[] = {"sparse/0/cameras.bin",  "sparse/0/images.bin",
+                                     "sparse/0/points3D.bin", "sparse/0/cameras.txt",
+                                     "sparse/0/images.txt",   "sparse/0/points3D.txt",
+                                     "sparse/0/points3D.ply", "sparse/cameras.bin",
+                                     "sparse/images.bin",     "sparse/points3D.bin",
+                                     "sparse/cameras.txt",    "sparse/images.txt",
+                                     "sparse/points3D.txt",   "sparse/points3D.ply",
+                                     "poses_bounds.npy",      NULL};
+static const char *const own[] = {"transforms.json", NULL};
+
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
                             const struct sg_poison_files *files, const char *folder)
 {
-    static const char *const blender[] = {"transforms_train.json", "transforms_test.json",
-                                          "transforms_val.json", "points3d.ply", NULL};
-    static const char *const colmap[] = {"sparse/0/cameras.bin",  "sparse/0/images.bin",
-                                         "sparse/0/points3D.bin", "sparse/0/cameras.txt",
-                                         "sparse/0/images.txt",   "sparse/0/points3D.txt",
-                                         "sparse/0/points3D.ply", "sparse/cameras.bin",
-                                         "sparse/images.bin",     "sparse/points3D.bin",
-                                         "sparse/cameras.txt",    "sparse/images.txt",
-                                         "sparse/points3D.txt",   "sparse/points3D.ply",
-                                         "poses_bounds.npy",      NULL};
-    static const char *const own[] = {"transforms.json", NULL};
     static const char *const *const layouts[] = {blender, colmap, own};
     sg_clear_error(ctx);
     int code = sg_dir_create(ctx, folder);
@@ -399,10 +401,18 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
         code = sg_poisoned_scene_check(ctx, scene, files);
     for (size_t i = 0; i < sizeof(layouts) / sizeof(*layouts) && !code; i++)
         code = remove_cameras(ctx, folder, layouts[i]);
-    if (!code && needs_transforms(scene))
-        return write_transforms(ctx, scene, files, folder);
+    return code;
+}
+
+int sg_poisoned_scene_finish(sg_ctx *ctx, const struct sg_scene *scene,
+                             const struct sg_poison_files *files, const char *folder)
+{
     struct sg_folder from;
-    if (code || (code = sg_folder_open(ctx, scene->path, scene->follow_links, &from)))
+    sg_clear_error(ctx);
+    if (needs_transforms(scene))
+        return write_transforms(ctx, scene, files, folder);
+    int code = sg_folder_open(ctx, scene->path, scene->follow_links, &from);
+    if (code)
         return code;
     for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap;
          *name && !code; name++)

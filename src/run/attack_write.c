@@ -249,6 +249,8 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
         b.items ? sg_poisoned_scene_begin(r->ctx, r->scene, &p->files, p->folder) : SG_ERR_BUDGET;
     for (size_t k = 0; k < n && !error;)
         error = write_batch(&b, room, chosen, &k, images, t);
+    if (!error)
+        error = sg_poisoned_scene_finish(r->ctx, r->scene, &p->files, p->folder);
     sg_free(b.items);
     return error;
 }

@@ -28,3 +28,10 @@ expect 2 smooth scene/blender -o scene/blender/inside; says 'scene'
 expect 2 smooth scene/blender -o gaussian -q; says 'gaussian'
 expect 1 smooth scene/blender --smooth median -o x; says '--smooth'
 [ ! -e x ] && [ ! -e off ] || fail "a failed smooth left something"
+
+# What is interrupted is no scene, and the same command completes it.
+(ulimit -f 4; "$tool" smooth scene/colmap --save png -o cut -q -j 1 2>err; [ $? -eq 2 ]) || fail "a full disk was not noticed"
+expect 2 info cut; says 'found no scene'
+expect 0 smooth scene/colmap --save png -o cut -q
+expect 0 smooth scene/colmap --save png -o uncut -q
+diff -r cut uncut || fail "completed, a scene is another one"
