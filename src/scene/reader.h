@@ -91,9 +91,8 @@ int sg_shots_halve_tests(sg_ctx *ctx, const struct sg_scene_params *params, stru
 int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where);
 /* The largest distance between an element of m' m and of the identity. NaN where m has one. */
 double sg_rotation_error(const double m[9], double *determinant);
-#define SG_ROTATION_ERROR 1e-3 /* the most in cameras of programs */
-/* The most that is drawn: a pose in a file is off by at most 1e-2, and its inverse by 3.1e-2. */
-#define SG_ROTATION_DRAWN 5e-2
+/* The most in a camera: a pose in a file is off by at most 1e-2, and its inverse by 3.1e-2. */
+#define SG_ROTATION_ERROR 5e-2
 /* From a camera-to-world matrix with OpenGL axes (y up, z backward), row-major 4x4. */
 int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, double R[9],
                         double t[3]);

@@ -111,11 +111,11 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
                        camera->fy);
     double determinant;
     const double off = sg_rotation_error(camera->R, &determinant);
-    if (!(off < SG_ROTATION_DRAWN) || !(determinant > 0))
+    if (!(off < SG_ROTATION_ERROR) || !(determinant > 0))
         return sg_fail(r->ctx, SG_ERR_USAGE,
                        "render: found a matrix R that is off a rotation by %g (determinant %g), "
                        "expected one within %g",
-                       off, determinant, SG_ROTATION_DRAWN);
+                       off, determinant, SG_ROTATION_ERROR);
     struct sg_render_params params = r->params;
     if (params.appearance == SG_APPEARANCE_INDEX && r->index <= INT_MAX)
         params.appearance = (int) r->index;
