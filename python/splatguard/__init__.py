@@ -448,7 +448,7 @@ class Trainer:
     def __init__(self, scene, initial=None, resume=None, audit=None, tolerances=None,
                  view_weights=None, defense=None, **params):
         self.scene, self.context = _expect(scene, Scene, "scene"), scene.context
-        if audit not in (None, "defend", "refuse") and not isinstance(audit, dict):
+        if audit not in (None, "defend", "refuse") and not (isinstance(audit, dict) and "defense" in audit):
             raise UsageError(f'audit: found {audit!r}, expected a result of audit(scene), "defend" or "refuse"')
         automatic = params.get("tolerance") == "auto"
         if audit not in (None, "refuse") and defense in (False, "off"):
@@ -518,6 +518,9 @@ def train(scene, callback=None, save=None, **params):
     trainer = Trainer(scene, **params)
     last = params.get("iterations")
     last = 30000 if last is None else int(last)
+    if trainer.iteration > last:
+        raise UsageError(f"iterations: found {last}, expected at least {trainer.iteration}, those of "
+                         "the saved training")
     try:
         while trainer.iteration < last:
             step = trainer.step()
@@ -575,16 +578,20 @@ def audit(scene):
 def audit_images(images, masks=None, names=None, context=None):
     """Audits arrays of height x width x 3 bytes, which need no cameras: what a service does with
     an upload before it touches a disk. images: an iterable. Returns the same as audit."""
-    masks = iter(masks) if masks is not None else None
-    names = iter(names) if names is not None else None
+    end = object()
 
     def views():
+        names_left = iter(names) if names is not None else None
+        masks_left = iter(masks) if masks is not None else None
         for k, image in enumerate(images):
             h, w = _shape(image, f"image {k}", 3)
-            name = f"image_{k:06d}" if names is None else next(names)
+            name = f"image_{k:06d}" if names_left is None else next(names_left, end)
+            mask = None if masks_left is None else next(masks_left, end)
+            if name is end or mask is end:
+                raise UsageError(f"{'names' if name is end else 'masks'}: found {k}, expected one "
+                                 "for each image")
             # Any pose will do: an audit reads pixels alone.
-            yield View(name, Camera(w, h, w, t=(k, 0, 0)), image,
-                       None if masks is None else next(masks), "train")
+            yield View(name, Camera(w, h, w, t=(k, 0, 0)), image, mask, "train")
 
     return audit(Scene.build(views(), context=context))
 

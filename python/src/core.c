@@ -393,8 +393,9 @@ static bool check_shape(struct array *a, char found, char item, bool convertible
     const size_t items = found ? (size_t) a->view.len / size_of(found) : 0;
     if (found && items == count && (found == item || (convertible && found != 'B' && item != 'B')))
         return true;
-    PyErr_Format(PyExc_ValueError, "%s: found %zu values of type '%s', expected %zu of type '%c'",
-                 what, items, a->view.format ? a->view.format : "B", count, item);
+    PyErr_Format(error_type(SG_ERR_USAGE),
+                 "%s: found %zu values of type '%s', expected %zu of type '%c'", what, items,
+                 a->view.format ? a->view.format : "B", count, item);
     array_release(a);
     return false;
 }
@@ -460,11 +461,21 @@ bool same_context(const struct handle *a, const struct handle *b)
 {
     if (!b || a->context == b->context)
         return true;
-    PyErr_SetString(PyExc_ValueError, "found scene and model of different contexts");
+    PyErr_SetString(error_type(SG_ERR_USAGE), "found scene and model of different contexts");
     return false;
 }
 
 /* ---- parameters ---- */
+
+/* All digits of a float. Classes that are floats too, such as NumPy's, may print themselves in
+ * another way. */
+static PyObject *float_text(PyObject *value)
+{
+    PyObject *plain = PyFloat_FromDouble(PyFloat_AsDouble(value)),
+             *text = plain ? PyObject_Repr(plain) : NULL;
+    Py_XDECREF(plain);
+    return text;
+}
 
 /* The text of a value as option tables read it, as bytes. */
 static PyObject *text_of(PyObject *value)
@@ -473,7 +484,7 @@ static PyObject *text_of(PyObject *value)
     if (PyBool_Check(value))
         text = PyUnicode_FromString(value == Py_True ? "true" : "false");
     else
-        text = PyFloat_Check(value) ? PyObject_Repr(value) : PyObject_Str(value);
+        text = PyFloat_Check(value) ? float_text(value) : PyObject_Str(value);
     PyObject *bytes = text ? PyUnicode_AsUTF8String(text) : NULL;
     Py_XDECREF(text);
     return bytes;

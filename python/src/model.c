@@ -100,8 +100,8 @@ static PyObject *model_activate(PyObject *module, PyObject *args)
     if (!PyArg_ParseTuple(args, "O&i", to_model, &h, &degree))
         return NULL;
     if (degree < 0 || degree > h->model->sh_degree)
-        return PyErr_Format(PyExc_ValueError, "found SH degree %d, expected 0 to %d", degree,
-                            h->model->sh_degree);
+        return PyErr_Format(error_type(SG_ERR_USAGE), "found SH degree %d, expected 0 to %d",
+                            degree, h->model->sh_degree);
     h->model->active_sh_degree = degree;
     return Py_BuildValue("");
 }
@@ -254,7 +254,7 @@ static PyObject *render_backward(PyObject *module, PyObject *args)
     if (values)
         array_release(&gradient);
     if (!same)
-        PyErr_SetString(PyExc_ValueError,
+        PyErr_SetString(error_type(SG_ERR_USAGE),
                         "backward: found no view that render() has drawn last, expected one");
     return good && same ? Py_BuildValue("") : NULL;
 }

@@ -164,8 +164,8 @@ static PyObject *attack_new(PyObject *module, PyObject *args)
         same_context(scene, proxy) && !PyList_Append(keep, (PyObject *) scene) &&
         params_set(sg_attack_options(), &p, dict, keep)) {
         if (*preset && !sg_attack_preset(preset, scene->scene->format, &p))
-            PyErr_Format(PyExc_ValueError, "preset: found \"%s\", expected auto, ns, mip or tt",
-                         preset);
+            PyErr_Format(error_type(SG_ERR_USAGE),
+                         "preset: found \"%s\", expected auto, ns, mip or tt", preset);
         /* What the caller gives has precedence over the preset. */
         else if (params_set(sg_attack_options(), &p, dict, keep)) {
             Py_INCREF(keep);
@@ -220,7 +220,8 @@ static PyObject *defense_preset(PyObject *module, PyObject *args)
     if (!PyArg_ParseTuple(args, "s", &name))
         return NULL;
     if (!sg_defense_preset(name, &p))
-        return PyErr_Format(PyExc_ValueError, "preset: found \"%s\", expected ns, tt or mip", name);
+        return PyErr_Format(error_type(SG_ERR_USAGE),
+                            "preset: found \"%s\", expected ns, tt or mip", name);
     return Py_BuildValue("{s:d,s:d,s:d,s:d}", "rho", p.rho, "rho_least", p.rho_least,
                          "filter_frequency", p.frequency, "lambda", p.lambda);
 }
@@ -256,8 +257,8 @@ static PyObject *options(PyObject *module, PyObject *args)
         }
         return list;
     }
-    return PyErr_Format(PyExc_ValueError, "found \"%s\", expected train, attack, scene or render",
-                        name);
+    return PyErr_Format(error_type(SG_ERR_USAGE),
+                        "found \"%s\", expected train, attack, scene or render", name);
 }
 
 static PyObject *engines(PyObject *module, PyObject *none)

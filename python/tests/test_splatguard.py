@@ -462,6 +462,43 @@ def test_audit_of_100_arrays_without_a_file(monkeypatch):
     assert bad["score"] > good["score"]
 
 
+def test_audited_images_have_names_and_masks_each():
+    image = np.zeros((16, 16, 3), "u1")
+    with pytest.raises(sg.UsageError, match="names: found 1, expected one for each image"):
+        sg.audit_images([image, image], names=["a"])
+    with pytest.raises(sg.UsageError, match="masks: found 1, expected one for each image"):
+        sg.audit_images([image, image], masks=iter([None]))
+
+
+def test_every_wrong_argument_is_a_usage_error():
+    scene = scene_of()
+    for call in (lambda: sg.defense_preset("x"), lambda: sg.options("x"),
+                 lambda: sg.Trainer(scene, audit={})):
+        with pytest.raises(sg.UsageError):
+            call()
+
+
+def test_floats_of_other_classes():
+    scene = scene_of()
+
+    class Odd(float):
+        def __repr__(self):
+            return f"odd({float(self)})"
+
+    sg.Trainer(scene, lambda_dssim=Odd(0.25))
+    sg.Trainer(scene, lambda_dssim=np.float64(0.25))
+
+
+def test_training_does_not_end_before_it_began(tmp_path):
+    scene = scene_of()
+    trainer = sg.Trainer(scene, iterations=20)
+    for _ in range(5):
+        trainer.step()
+    trainer.save(tmp_path / "state")
+    with pytest.raises(sg.UsageError, match="iterations"):
+        sg.train(scene, resume=tmp_path / "state", iterations=3)
+
+
 @pytest.mark.parametrize("noise", [0, 16])
 def test_what_an_audit_decides(noise):
     y, x = np.mgrid[0:96, 0:96]
