@@ -111,7 +111,7 @@ static int verdict_status(enum sg_audit_verdict verdict)
 /* Photos without cameras are taken as they are. */
 static int check_photo_options(const struct audit_config *c, const bool *given, const char *path)
 {
-    static const char used[] = "|test-every|follow-links|";
+    static const char used[] = "|test-every|follow-links|strict|";
     char name[80];
     for (const struct sg_option *row = sg_scene_options(); row->name; row++) {
         const size_t at = (size_t) ((const char *) &c->scene - (const char *) c) + row->offset;

@@ -138,6 +138,30 @@ static int add_photo(sg_ctx *ctx, sg_scene_builder *builder, struct photo *p, si
     return code;
 }
 
+/* Leaves photos out that cannot be used, as scenes do. */
+static int add_photos(sg_ctx *ctx, sg_scene_builder *builder, struct photo_folder *f, bool strict)
+{
+    size_t broken = 0;
+    char *first = NULL;
+    int code = SG_OK;
+    for (size_t i = 0; i < f->n && !code; i++) {
+        code = add_photo(ctx, builder, &f->photos[i], i);
+        if ((code != SG_ERR_INPUT && code != SG_ERR_USAGE) || strict) /* usage: by its name */
+            continue;
+        if (!broken++)
+            first = strdup(sg_last_error(ctx));
+        code = broken == f->n ? SG_ERR_INPUT : SG_OK;
+    }
+    if (code == SG_ERR_USAGE)
+        code = SG_ERR_INPUT;
+    if (!code && broken)
+        say(stderr,
+            "warning: %s: %zu of %zu photos cannot be used and are skipped; the first: %s\n",
+            f->path, broken, f->n, first ? first : "");
+    free(first);
+    return code;
+}
+
 int photo_folder_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                       struct photo_folder **folder, struct sg_scene **scene)
 {
@@ -157,8 +181,8 @@ int photo_folder_load(sg_ctx *ctx, const char *path, const struct sg_scene_param
         code = sg_scene_builder_set_name(builder, path);
     if (!code)
         sg_scene_builder_keep_photos(builder, 0);
-    for (size_t i = 0; i < f->n && !code; i++)
-        code = add_photo(ctx, builder, &f->photos[i], i);
+    if (!code)
+        code = add_photos(ctx, builder, f, params->strict);
     hold_log(true); /* it says what cameras and points there are, and are not */
     if (!code)
         code = sg_scene_builder_finish(&builder, scene);

@@ -20,8 +20,15 @@ mkdir one && cp "$(find 'my photos' -type f -name '*.png' | head -n 1)" one/a.pn
 expect 0 audit one; says 'one: 1 photo without'; grep -q 'training cameras' err && fail "a warning about cameras that are none"
 expect 2 audit one/a.png; says 'one/a.png: found a photo, expected a scene or a folder of photos'
 expect 1 audit 'my photos' --downscale 2; says '--downscale: found without effect on my photos'
-echo 'no photo' >'my photos/zz.JPG'
-expect 2 audit 'my photos'; says 'my photos/zz.JPG'
+
+# What is no photo is left out, as it is in scenes.
 : >'my photos/zz.JPG'
-expect 2 audit 'my photos'; says 'my photos/zz.JPG: found an empty file, expected an image'
-[ ! -s out ] || fail "a verdict in spite of a photo that cannot be read"
+cp one/a.png "$(printf 'my photos/x\ny.png')"
+expect 0 audit 'my photos' --json && scores >of_photos
+says "warning: my photos: 2 of $(find 'my photos' -type f ! -name '*.txt' | grep -c 'JPG$\|png$') photos cannot be used and are skipped; the first: "
+cmp of_scene of_photos || fail "a photo that is left out changes scores"
+expect 2 audit 'my photos' --strict; [ ! -s out ] || fail "a verdict in spite of --strict"
+rm my*/x*
+expect 2 audit 'my photos' --strict; says 'my photos/zz.JPG: found an empty file, expected an image'
+mkdir none && echo 'no photo' >none/a.png
+expect 2 audit none; says 'none/a.png'; [ ! -s out ] || fail "a verdict without photos"
