@@ -92,7 +92,7 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path, const ch
         error = sg_prune(ctx, scene, model, &c->prune, &pruned, &result);
     }
     if (!error)
-        error = sg_model_write_ply(ctx, pruned, c->output);
+        error = sg_model_write(ctx, pruned, c->output, NULL);
     const size_t left = pruned ? pruned->count : 0;
     sg_model_destroy(&model);
     sg_model_destroy(&pruned);

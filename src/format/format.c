@@ -57,9 +57,11 @@ static bool starts_with(struct sg_source *in, const char *bytes, size_t n)
 /* A text that only headers of compressed PLY files have. */
 static bool is_compressed_ply(struct sg_source *in)
 {
-    static const char mark[] = "property uint packed_position";
-    const size_t n = sg_source_fill(in, 4096);
-    return memmem(in->window, n < 4096 ? n : 4096, mark, sizeof(mark) - 1);
+    static const char *const marks[] = {"property uint packed_position",
+                                        "property uint32 packed_position"};
+    const size_t filled = sg_source_fill(in, 4096), n = filled < 4096 ? filled : 4096;
+    return memmem(in->window, n, marks[0], strlen(marks[0])) ||
+           memmem(in->window, n, marks[1], strlen(marks[1]));
 }
 
 static int read_from(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,

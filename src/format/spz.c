@@ -152,11 +152,16 @@ static int choose_fraction(sg_ctx *ctx, const struct sg_model *m, const char *pa
             most = fmaxf(most, fabsf(*sg_model_at(m, i, SG_P_XYZ + k)));
     for (*fraction = FRACTION; *fraction > 0 && ldexpf(most, *fraction) > 8388607;)
         --*fraction;
-    return ldexpf(most, *fraction) <= 8388607
-               ? SG_OK
-               : sg_fail(ctx, SG_ERR_INPUT,
-                         "%s: found a position of %g, expected at most 8388607 in .spz", path,
-                         (double) most);
+    if (ldexpf(most, *fraction) > 8388607)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found a position of %g, expected at most 8388607 in .spz", path,
+                       (double) most);
+    if (*fraction < FRACTION)
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: positions are rounded to multiples of %g, since one of them is %g; convert "
+               "--crop leaves far Gaussians out",
+               path, ldexp(1, -*fraction), (double) most);
+    return SG_OK;
 }
 
 /* The low bytes of a number, the lowest first. */

@@ -18,6 +18,10 @@ cmp -s lightgaussian.ply pup.ply && fail "two methods made the same model"
 expect 0 prune run --ratio 0.5 --finetune 20 --trained $end -o same.ply -q --threads 1
 cmp lightgaussian.ply same.ply || fail "another number of threads, another model"
 
+expect 0 prune run --ratio 0.5 --finetune 0 -o small.splat -q
+[ $(($(wc -c <small.splat) % 32)) -eq 0 ] && expect 0 info small.splat || fail "the format is not that of the ending"
+expect 1 prune run --ratio 0.5 --finetune 0 -o small.ksplat -q; says 'only read'
+
 # A run brings what the command line does not say.
 expect 0 prune run --ratio 0.5 --finetune 20 -o own.ply -q
 cmp lightgaussian.ply own.ply || fail "a run does not know how long it was trained"
