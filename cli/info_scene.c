@@ -138,7 +138,16 @@ int info_scene(sg_ctx *ctx, const char *path, struct sg_scene_params params, boo
 {
     struct sg_scene *scene = NULL;
     params.eval = true;
-    int status = report(ctx, sg_scene_load(ctx, path, &params, &scene));
+    int error = sg_scene_load(ctx, path, &params, &scene);
+    if (error == SG_ERR_INPUT) { /* training without test views may take it all the same */
+        char *why = strdup(sg_last_error(ctx));
+        params.eval = false;
+        error = why ? sg_scene_load(ctx, path, &params, &scene) : SG_ERR_BUDGET;
+        if (!error)
+            say(stderr, "warning: refused with --eval: %s\n", why);
+        free(why);
+    }
+    int status = report(ctx, error);
     if (status)
         return status;
     struct summary s;
