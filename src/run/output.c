@@ -354,8 +354,8 @@ int sg_output_check_replaced(sg_ctx *ctx, const char *path)
                        "%s: cannot write: found a link, folder or device, expected a file", path);
     if (!is_own_file(path))
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found a file that is not replaced, which only pictures and pages of "
-                       "splatguard are; expected a new name",
+                       "%s: found an existing file, expected a new name: only pictures and pages "
+                       "that splatguard made are replaced",
                        path);
     return SG_OK;
 }

@@ -210,10 +210,11 @@ static int check_ended(sg_ctx *ctx, const char *folder)
     if (sg_run_has(ctx, folder, "summary.json"))
         return SG_OK;
     if (sg_run_has(ctx, folder, "config.json"))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found no summary.json: the run is not finished; train --resume %s "
-                       "goes on",
-                       folder, folder);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no summary.json: the run is not finished%s",
+                       folder,
+                       sg_run_has(ctx, folder, "checkpoint.bin")
+                           ? "; train --resume continues it, unless it is running"
+                           : "");
     return sg_fail(ctx, SG_ERR_INPUT, "%s: found no summary.json, expected the folder of a run",
                    folder);
 }

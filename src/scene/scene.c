@@ -197,8 +197,9 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     int code = sg_scene_builder_create(ctx, params, &builder);
     if (!code && params->test_halves && !params->eval) {
         sg_scene_builder_destroy(&builder);
-        code = sg_fail(ctx, SG_ERR_USAGE,
-                       "test_halves: found no eval, expected it: there have to be test views");
+        code =
+            sg_fail(ctx, SG_ERR_USAGE,
+                    "test_halves: found it without eval, expected both: eval makes the test views");
     }
     if (code)
         return code;

@@ -68,6 +68,6 @@ expect 2 convert cut.splat c.ply; says 'cut.splat: found 40 bytes, expected a mu
 expect 2 convert nan.splat nan.spz; says 'nan.splat: Gaussian 0: found scale_0 nan'
 [ ! -e nan.spz ] || fail "a failed convert left something"
 echo precious >kept.splat
-expect 2 convert run kept.splat; says 'kept.splat: found a file that is not replaced'
+expect 2 convert run kept.splat; says 'kept.splat: found an existing file'
 [ "$(cat kept.splat)" = precious ] || fail "a file of others was replaced"
 expect 2 convert run scene/blender/m.splat; says 'in the scene'

@@ -120,11 +120,11 @@ mkdir void; expect 2 train nowhere -o void/a/b $short; [ -z "$(ls -A void)" ] ||
 expect 2 train scene/blender -o void --init nowhere.ply $short; [ -z "$(ls -A void)" ] || fail "a failed run leaves a mark"
 # A photo that somebody put among the renders, and one that a scene leads to.
 cp photos/view_0001.png renders/view_0001.png
-expect 2 render run --split train -o renders -q; says 'not replaced, which only pictures and pages'
+expect 2 render run --split train -o renders -q; says 'expected a new name: only pictures and pages'
 cmp photos/view_0001.png renders/view_0001.png || fail "a photo among the renders is gone"
 rm renders/view_0001.png; expect 0 render run --split train -o renders -q
 cp photos/view_0001.png renders/view_0001_photo.png
-expect 2 render run --split train -o renders -q --photo; says 'not replaced, which only pictures and pages'
+expect 2 render run --split train -o renders -q --photo; says 'expected a new name: only pictures and pages'
 rm renders/view_0001_photo.png
 cp -r scene/colmap led; rm -r led/images led/masks; ln -s ../renders led/images
 expect 2 render run --scene led --follow-links --split train -o renders -q; says 'found the photo'

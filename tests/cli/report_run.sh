@@ -111,7 +111,7 @@ rm "$name/log.jsonl"
 expect 0 report "$name" -o page -q
 grep -q '<svg role=img' $page && fail "curves of nothing"
 rm "$name/summary.json"
-expect 2 report "$name" -o none; says "$name: found no summary.json: the run is not finished; train --resume $name goes on"
+expect 2 report "$name" -o none; says "$name: found no summary.json: the run is not finished; train --resume continues it"
 expect 2 compare "$name"; says 'the run is not finished'
 [ ! -e none ] || fail "a report of a run that is not finished left something"
 expect 2 compare gone; says 'gone: found no summary.json, expected the folder of a run'

@@ -60,7 +60,7 @@ grep -q corrected run/summary.json && fail "a run without exposures has matched 
 
 # Halves of test photos: their exposures are learned on one half and measured on the other. What
 # training says, eval says too.
-expect 1 train scene/colmap -o halves --test-halves --exposure $short; says 'train: --test-halves: found no eval'
+expect 1 train scene/colmap -o halves --test-halves --exposure $short; says 'train: --test-halves: found it without eval'
 expect 2 train scene/blender -o halves --eval --test-halves --exposure $short; says 'test halves: found the layout'
 expect 0 train scene/colmap -o halves --eval --test-every 3 --test-halves --exposure $short
 [ "$(grep -c '": \[$' halves/exposure.json)" = "$(find scene/colmap/images -type f | wc -l)" ] || fail "exposure.json: $(cat halves/exposure.json)"
