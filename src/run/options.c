@@ -78,19 +78,23 @@ static bool is_in_group(const struct sg_option *o, const char *group)
     return o->group && !strcmp(o->group, group);
 }
 
+static bool is_limited(const struct sg_run_params *p)
+{
+    return p->train.max_gaussians || p->max_memory || p->max_vram;
+}
+
 static const char *unused_defense(const struct sg_run_params *p, const struct sg_option *o)
 {
     const struct sg_train_params *t = &p->train;
     /* At a limit these decide which Gaussians stay. */
     static const char ranking[] = "filter-frequency|filter-exponent|filter-views|filter-sigma|"
                                   "filter-hits|filter-sample";
-    const bool limited = t->max_gaussians || p->max_memory || p->max_vram;
     const bool tolerates =
         t->tolerance > 0 || t->tolerance == SG_TOLERANCE_AUTO || t->tolerances != NULL;
     const bool of_tolerance = !strncmp(o->name, "tolerance-", 10);
     if (!is_in_group(o, "Defense") || t->defense.on || p->audit == SG_RUN_AUDIT_DEFEND ||
         sg_word_index("defense|audit|tolerance|smooth", o->name) >= 0 ||
-        (tolerates && of_tolerance) || (limited && sg_word_index(ranking, o->name) >= 0))
+        (tolerates && of_tolerance) || (is_limited(p) && sg_word_index(ranking, o->name) >= 0))
         return NULL;
     return of_tolerance ? "found without a defense, expected --defense spectral, --tolerance or "
                           "--audit defend with it"
@@ -100,15 +104,23 @@ static const char *unused_defense(const struct sg_run_params *p, const struct sg
 
 const char *sg_run_option_unused(const struct sg_run_params *p, const struct sg_option *o)
 {
-    const bool mip = p->train.model == SG_MODEL_MIP, mcmc = p->train.strategy == SG_STRATEGY_MCMC;
+    const bool mip = p->train.model == SG_MODEL_MIP, mcmc = p->train.strategy == SG_STRATEGY_MCMC,
+               scaffold = p->train.model == SG_MODEL_SCAFFOLD;
     if (!mip && (is_in_group(o, "Filters of --model mip") || !strcmp(o->name, "keep-filter")))
         return "found without effect, expected --model mip with it";
-    if (p->train.model != SG_MODEL_SCAFFOLD && is_in_group(o, "Anchors of --model scaffold"))
+    if (!scaffold && is_in_group(o, "Anchors of --model scaffold"))
         return "found without effect, expected --model scaffold with it";
     if (!mcmc && is_in_group(o, "Densification by --strategy mcmc"))
         return "found without effect, expected --strategy mcmc with it";
-    if (mcmc && !strcmp(o->name, "absgrad"))
+    if (mcmc && sg_word_index("absgrad|densify-grad-threshold|percent-dense", o->name) >= 0)
         return "found without effect, expected another strategy than mcmc with it";
+    if (scaffold && sg_word_index("feature-lr|opacity-lr|scaling-lr|rotation-lr", o->name) >= 0)
+        return "found without effect, expected another model than scaffold, which has rates of its "
+               "own";
+    if (!p->train.exposure && !strncmp(o->name, "exposure-lr", 11))
+        return "found without effect, expected --exposure with it";
+    if (!is_limited(p) && !strcmp(o->name, "at-limit"))
+        return "found without effect, expected --max-gaussians or another limit with it";
     return unused_defense(p, o);
 }
 

@@ -37,6 +37,10 @@ expect 2 train scene/blender -o none --init $anchors; says 'found anchors of Sca
 expect 1 train scene/blender -o none --model scaffold --strategy mcmc; says 'found scaffold with another strategy'
 # Options of another model or strategy, and what an audit may turn on, are refused before work begins.
 expect 1 train scene/blender -o none --anchor-offsets 5; says '--anchor-offsets: found without effect, expected --model scaffold'
+expect 1 train scene/blender -o none --model scaffold --opacity-lr 0.1; says '--opacity-lr: found without effect'
+expect 1 train scene/blender -o none --exposure-lr-init 0.1; says '--exposure-lr-init: found without effect, expected --exposure'
+expect 1 train scene/blender -o none --at-limit stop; says '--at-limit: found without effect, expected --max-gaussians'
+expect 1 train scene/blender -o none --strategy mcmc --cap-max 900 --percent-dense 0.1; says '--percent-dense: found without effect'
 expect 1 train scene/blender -o none --mip-kernel 0.2; says 'expected --model mip'
 expect 1 train scene/blender -o none --cap-max 90; says 'expected --strategy mcmc'
 expect 1 train scene/blender -o none --strategy mcmc --cap-max 90 --absgrad; says 'expected another strategy'
