@@ -573,6 +573,8 @@ static int check_scenes(const struct reader *r)
         const char *word = json_string_value(layout);
         if (layout && !(word && (!strcmp(word, "blender") || !strcmp(word, "colmap"))))
             return wrong(r, "%s.layout: expected \"blender\" or \"colmap\"", where);
+        if (layout && !json_object_get(scene, "synth"))
+            return wrong(r, "%s.layout: found it with path, expected it with synth only", where);
     }
     return STATUS_DONE;
 }

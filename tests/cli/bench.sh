@@ -189,6 +189,7 @@ grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shar
 for i in 1 2; do [ "$("$tool" bench plan.json --list --shard $i/2 | grep -c train)" -ge 2 ] || fail "part $i of 2 has less than half"; done
 expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
 expect 1 bench plan.json -o x.db --shard 1/3 --slurm 2; says 'exclude each other'
+expect 1 bench plan.json -o x.db --slurm 0; says 'slurm: found "0"'
 expect 1 bench plan.json -o x.db --max-memory 1G; says 'found a plan without'
 expect 0 bench plan.json -o "it's.db" --slurm 2
 grep -qF "'it'\\''s.db'" out && sh -n out || fail "a quote in a name breaks the script: $(cat out)"
@@ -260,6 +261,7 @@ echo '{"scenes": 3' >bad.json; expect 2 bench bad.json -o x.db; says 'bad.json: 
 mistake 's/"off", "half"/"off", "helf"/' 'runs[0].defenses[1]: found helf, expected a name of defenses'
 mistake 's/"timeout"/"timeuot"/' 'found "timeuot"'
 mistake 's/"engine": "[^"]*", //; s/"timeout"/"engine": 1, &/' 'engine: expected a text'
+mistake 's/"synth": *\[[^]]*\]/"path": "x", "layout": "colmap"/' 'scenes.s.layout: found it with path'
 mistake 's/"synth"/"layout": "colmap3", &/' 'scenes.s.layout: expected "blender" or "colmap"'
 mistake 's/"timeout"/"alone": "yes", &/' 'alone: expected true or false'
 mistake 's/"synth".*/"path": "nowhere"}},/' 'scenes.s: found no file in ./nowhere, expected the scene below the plan'; says 'that of --data'
