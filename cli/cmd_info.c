@@ -46,8 +46,8 @@ static int print_json(const struct sg_model_info *i, uint64_t gaussians)
         (json_int_t) i->transparent);
     if (gaussians > i->count) { /* opacities are made in a view */
         json_object_set_new(root, "anchors", json_integer((json_int_t) i->count));
-        json_object_del(root, "opacity_percentiles");
-        json_object_del(root, "transparent");
+        json_object_set_new(root, "opacity_percentiles", json_null());
+        json_object_set_new(root, "transparent", json_null());
     }
     return json_print(root, 0);
 }

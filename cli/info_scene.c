@@ -142,7 +142,9 @@ int info_scene(sg_ctx *ctx, const char *path, struct sg_scene_params params, boo
     if (error == SG_ERR_INPUT) { /* training without test views may take it all the same */
         char *why = strdup(sg_last_error(ctx));
         params.eval = false;
+        hold_log(true); /* most of it has been said */
         error = why ? sg_scene_load(ctx, path, &params, &scene) : SG_ERR_BUDGET;
+        hold_log(false);
         if (!error)
             say(stderr, "warning: refused with --eval: %s\n", why);
         free(why);

@@ -39,7 +39,9 @@ expect 0 info masked --json; says 'are skipped'
 grep -q '"format": "colmap", "train_views": 5, "test_views": 1' out || fail "info --json says $(cat out)"
 grep -q '"photos": 6}\], .*"masked": 1, "undistorted": 0, "lossy": 0, "points": 300' out || fail "info --json says $(cat out)"
 truncate -s 100 "$(find masked/images -type f | sort | tail -n 1)"
-expect 2 info masked; says 'end of stream; with test views (eval) it is not skipped'
+expect 0 info masked; says 'warning: refused with --eval: '; says 'end of stream; with test views (eval) it is not skipped'
+grep -q 'views      5 to train on, 0 for tests' out || fail "info does not say what training takes: $(cat out)"
+expect 2 info masked --strict; says 'found 6 of 7 photos'
 mkdir empty && expect 2 info empty; says 'empty: found no scene'
 for command in "eval broken.ply --scene scene/blender" "render broken.ply --scene scene/blender -o images" \
     "train scene/blender -o run $short --init broken.ply" \
