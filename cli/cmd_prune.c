@@ -19,7 +19,8 @@ struct prune_config {
 #define GROUP .group = "Model and views"
 
 static const struct sg_option prune_options[] = {
-    TEXT_ROW("output", P(output), "OUT.ply", "File to write the pruned model to.", GROUP,
+    TEXT_ROW("output", P(output), "OUT.ply",
+             "File to write the pruned model to, in the format of its ending.", GROUP,
              .letter = 'o'),
     TEXT_ROW("scene", P(scene_path), "SCENE", "The photos and cameras; a run knows its own.", GROUP,
              .letter = 's'),
@@ -78,6 +79,9 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path, const ch
     struct sg_scene *scene = NULL;
     struct sg_prune_result result = {0};
     struct progress progress = {.quiet = c->quiet, .iterations = c->prune.finetune};
+    struct sg_model_file file = sg_model_file_default();
+    if (sg_model_format_of(c->output) == SG_MODEL_AUTO)
+        file.format = SG_MODEL_PLY; /* whatever its name is */
     interrupt_catch();
     int error = sg_output_check_file(ctx, c->output);
     if (!error)
@@ -92,7 +96,7 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path, const ch
         error = sg_prune(ctx, scene, model, &c->prune, &pruned, &result);
     }
     if (!error)
-        error = sg_model_write(ctx, pruned, c->output, NULL);
+        error = sg_model_write(ctx, pruned, c->output, &file);
     const size_t left = pruned ? pruned->count : 0;
     sg_model_destroy(&model);
     sg_model_destroy(&pruned);
@@ -149,6 +153,13 @@ static int run_prune(const void *config, const bool *given, const char *const *p
         adopt_training(c, &run, positional[0], path, given);
     if (!code && (!c->scene_path || !c->output))
         code = missing(&command_prune, c->scene_path ? "-o OUT.ply" : "--scene SCENE");
+    if (!code && sg_model_format_of(c->output) == SG_MODEL_KSPLAT) {
+        say(stderr,
+            "splatguard prune: --output: found %s, expected another format: .ksplat is "
+            "only read\n",
+            c->output);
+        code = STATUS_USAGE;
+    }
     if (!code)
         code = check_iteration(&command_prune, positional[0], c->iteration);
     c->scene.eval = c->eval || (is_run && run.scene.eval);

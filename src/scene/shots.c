@@ -110,8 +110,7 @@ int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, str
         sg_log(ctx, SG_LOG_WARN,
                "%s: %zu of %zu photos are missing and are skipped, the first is %s%s", where,
                missing, wanted, shots->items[first].file,
-               params->eval ? "; which views are test views depends on the photos that are there"
-                            : "");
+               params->eval ? "; where every Nth photo is a test view, they do not count" : "");
     drop(shots);
     return SG_OK;
 }

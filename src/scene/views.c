@@ -87,7 +87,8 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
         sx = sy;
     if (!lens->height)
         sy = sx;
-    const double own = width / sx, own_y = height / sy;
+    const double own = lens->width ? lens->width : width / sx,
+                 own_y = lens->height ? lens->height : height / sy;
     if (!(lens->fx > 0))
         lens->fx = own / (2 * tan(lens->angle_x / 2));
     if (!(lens->fy > 0))
