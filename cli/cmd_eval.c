@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "interrupt.h"
 #include "model_views.h"
@@ -79,6 +80,9 @@ static int read_exposures(struct model_views *v, const char *run, int iteration)
     const size_t n = v->scene->n_train;
     if (!is_folder(run))
         return refuse("the file of a model", "a run's folder");
+    snprintf(newest, sizeof(newest), "%s/exposure.json", run);
+    if (access(newest, F_OK))
+        return refuse("a run that has learned none", "one of train --exposure");
     int error = sg_run_find_model(v->ctx, run, iteration, asked, sizeof(asked));
     if (!error)
         error = sg_run_find_model(v->ctx, run, 0, newest, sizeof(newest));

@@ -55,7 +55,7 @@ grep -q '"corrected_by": "exposure"' out || fail "$(cat out)"
 expect 1 eval exposed --exposure; says 'expected --split train, or a run with --test-halves'
 expect 1 eval exposed --split train --exposure --iteration $half; says 'expected the newest model'
 expect 1 eval exposed --exposure --match-colours; says 'expected one of them'
-expect 2 eval run --split train --exposure; says 'exposure.json'
+expect 1 eval run --split train --exposure; says 'found a run that has learned none, expected one of train --exposure'
 grep -q corrected run/summary.json && fail "a run without exposures has matched colours"
 
 # Halves of test photos: their exposures are learned on one half and measured on the other. What
