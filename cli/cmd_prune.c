@@ -80,8 +80,16 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path, const ch
     struct sg_prune_result result = {0};
     struct progress progress = {.quiet = c->quiet, .iterations = c->prune.finetune};
     struct sg_model_file file = sg_model_file_default();
-    if (sg_model_format_of(c->output) == SG_MODEL_AUTO)
-        file.format = SG_MODEL_PLY; /* whatever its name is */
+    file.format = sg_model_format_of(c->output);
+    if (file.format == SG_MODEL_AUTO)
+        file.format = SG_MODEL_PLY;
+    if (file.format == SG_MODEL_KSPLAT) {
+        say(stderr,
+            "splatguard prune: --output: found %s, expected another format: .ksplat is "
+            "only read\n",
+            c->output);
+        return STATUS_USAGE;
+    }
     interrupt_catch();
     int error = sg_output_check_file(ctx, c->output);
     if (!error)
@@ -153,13 +161,6 @@ static int run_prune(const void *config, const bool *given, const char *const *p
         adopt_training(c, &run, positional[0], path, given);
     if (!code && (!c->scene_path || !c->output))
         code = missing(&command_prune, c->scene_path ? "-o OUT.ply" : "--scene SCENE");
-    if (!code && sg_model_format_of(c->output) == SG_MODEL_KSPLAT) {
-        say(stderr,
-            "splatguard prune: --output: found %s, expected another format: .ksplat is "
-            "only read\n",
-            c->output);
-        code = STATUS_USAGE;
-    }
     if (!code)
         code = check_iteration(&command_prune, positional[0], c->iteration);
     c->scene.eval = c->eval || (is_run && run.scene.eval);

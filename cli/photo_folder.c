@@ -146,14 +146,14 @@ static int add_photos(sg_ctx *ctx, sg_scene_builder *builder, struct photo_folde
     int code = SG_OK;
     for (size_t i = 0; i < f->n && !code; i++) {
         code = add_photo(ctx, builder, &f->photos[i], i);
-        if ((code != SG_ERR_INPUT && code != SG_ERR_USAGE) || strict) /* usage: by its name */
+        if (code == SG_ERR_USAGE) /* its name, which is input here */
+            code = SG_ERR_INPUT;
+        if (code != SG_ERR_INPUT || strict)
             continue;
         if (!broken++)
             first = strdup(sg_last_error(ctx));
         code = broken == f->n ? SG_ERR_INPUT : SG_OK;
     }
-    if (code == SG_ERR_USAGE)
-        code = SG_ERR_INPUT;
     if (!code && broken)
         say(stderr,
             "warning: %s: %zu of %zu photos cannot be used and are skipped; the first: %s\n",

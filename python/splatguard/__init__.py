@@ -29,6 +29,7 @@ Ctrl-C raises KeyboardInterrupt at the next step of whatever runs; see train for
 """
 
 import array as _arrays
+import itertools as _itertools
 
 from . import _core
 from ._core import (BudgetError, Cancelled, Error, InputError, InternalError, PoisonedError,
@@ -581,12 +582,11 @@ def audit_images(images, masks=None, names=None, context=None):
     end = object()
 
     def views():
-        names_left = iter(names) if names is not None else None
-        masks_left = iter(masks) if masks is not None else None
+        names_left = iter(names) if names is not None else map("image_{:06d}".format, _itertools.count())
+        masks_left = iter(masks) if masks is not None else _itertools.repeat(None)
         for k, image in enumerate(images):
             h, w = _shape(image, f"image {k}", 3)
-            name = f"image_{k:06d}" if names_left is None else next(names_left, end)
-            mask = None if masks_left is None else next(masks_left, end)
+            name, mask = next(names_left, end), next(masks_left, end)
             if name is end or mask is end:
                 raise UsageError(f"{'names' if name is end else 'masks'}: found {k}, expected one "
                                  "for each image")

@@ -120,8 +120,8 @@ int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
                        "init: found an initial model and random_points, expected one of them");
     if (initial && t->strategy->initial)
         return sg_fail(t->ctx, SG_ERR_USAGE,
-                       "init: found an initial model, expected none with %s, which "
-                       "makes its own",
+                       "init: found an initial model, expected none with %s, which makes its "
+                       "own",
                        t->strategy->name);
     if (!initial && !t->scene->n_points && t->scene->format != SG_FORMAT_BLENDER)
         sg_log(
