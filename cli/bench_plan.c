@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A plan file: scenes x photos x defenses x models x seeds, as jobs with what they need. */
+#define XXH_INLINE_ALL
 #include <dirent.h>
 #include <limits.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <xxhash.h>
 
 #include "bench.h"
 
@@ -162,13 +164,31 @@ static void make_key(const json_t *config, char key[33])
     snprintf(key, 33, "%016llx%016llx", (unsigned long long) a, (unsigned long long) b);
 }
 
-/* Of a folder's files: how many, their bytes, and the newest change. A scene whose photos change is
- * another scene. */
+/* Of a folder's files: how many, and a checksum of their names and contents. A scene whose photos
+ * change is another scene; one that is copied anew is not. */
 struct print {
-    long long files, bytes, newest;
+    long long files;
+    uint64_t sum; /* of each file's checksum: files come in any order */
 };
 
-static void add_folder(const char *path, int depth, struct print *p)
+/* name: below the scene's folder. One that cannot be read counts with its name. */
+static void add_file(const char *path, const char *name, bool regular, struct print *p)
+{
+    static char part[1 << 16];
+    XXH3_state_t hash;
+    XXH3_64bits_reset(&hash);
+    XXH3_64bits_update(&hash, name, strlen(name) + 1);
+    FILE *f = regular ? fopen(path, "rb") : NULL;
+    for (size_t n; f && (n = fread(part, 1, sizeof(part), f));)
+        XXH3_64bits_update(&hash, part, n);
+    if (f)
+        fclose(f);
+    p->files++;
+    p->sum += XXH3_64bits_digest(&hash);
+}
+
+/* root: the length of the scene's path. */
+static void add_folder(const char *path, size_t root, int depth, struct print *p)
 {
     DIR *d = depth < 8 ? opendir(path) : NULL;
     for (struct dirent *e; d && (e = readdir(d));) {
@@ -181,11 +201,10 @@ static void add_folder(const char *path, int depth, struct print *p)
         const bool link = S_ISLNK(st.st_mode); /* folders behind them could be this one again */
         if (link && stat(child, &st))
             continue;
-        if (S_ISDIR(st.st_mode) && !link)
-            add_folder(child, depth + 1, p);
-        else
-            p->files++, p->bytes += st.st_size,
-                p->newest = st.st_mtime > p->newest ? st.st_mtime : p->newest;
+        if (!S_ISDIR(st.st_mode))
+            add_file(child, child + root, S_ISREG(st.st_mode), p);
+        else if (!link)
+            add_folder(child, root, depth + 1, p);
     }
     if (d)
         closedir(d);
@@ -244,7 +263,7 @@ static int add_scene(struct reader *r, const char *name)
         snprintf(path, sizeof(path), "%s%s%s", *at == '/' ? "" : r->data, *at == '/' ? "" : "/",
                  at);
         if (realpath(path, whole))
-            add_folder(whole, 0, &p);
+            add_folder(whole, strlen(whole), 0, &p);
         if (!p.files) {
             json_decref(config);
             wrong(r,
@@ -254,7 +273,7 @@ static int add_scene(struct reader *r, const char *name)
             return -1;
         }
         json_object_set_new(config, "path", json_string(whole));
-        json_object_set_new(config, "print", json_pack("[I,I,I]", p.files, p.bytes, p.newest));
+        json_object_set_new(config, "print", json_pack("[I,I]", p.files, (json_int_t) p.sum));
     }
     return add_job(r, (struct job){.kind = JOB_SCENE,
                                    .scene = name,

@@ -100,6 +100,30 @@ static void print_jobs(const struct plan *p)
     }
 }
 
+/* What bench writes would change a scene that it lies in. The path may be missing, its folder not.
+ */
+static int check_outside(const struct plan *p, const char *path)
+{
+    char folder[PATH_MAX], whole[PATH_MAX];
+    const char *slash = strrchr(path, '/');
+    snprintf(folder, sizeof(folder), "%.*s", slash ? (int) (slash - path) + 1 : 1,
+             slash ? path : ".");
+    if (!realpath(path, whole) && !realpath(folder, whole))
+        return STATUS_DONE; /* opening it says what is wrong */
+    for (int i = 0; i < p->n; i++) {
+        const char *scene = json_string_value(json_object_get(p->jobs[i].config, "path"));
+        const size_t n = scene ? strlen(scene) : 0;
+        if (scene && !strncmp(whole, scene, n) && (!whole[n] || whole[n] == '/')) {
+            say(stderr,
+                "splatguard bench: %s: found it in the folder of scene %s, expected it "
+                "outside of %s\n",
+                path, p->jobs[i].scene, scene);
+            return STATUS_INPUT;
+        }
+    }
+    return STATUS_DONE;
+}
+
 /* The folder of the jobs, for one bench at a time: the lock goes with the process. */
 static int claim_work(const char *work, int *lock)
 {
@@ -137,7 +161,11 @@ static int run_plan(const struct bench_config *c, struct plan *p)
     if (p->alone)
         b.jobs = 1;
     snprintf(work, sizeof(work), "%s%s", c->work ? c->work : c->output, c->work ? "" : ".work");
-    int code = store_open(c->output, false, &b.store);
+    int code = check_outside(p, c->output);
+    if (!code)
+        code = check_outside(p, work);
+    if (!code)
+        code = store_open(c->output, false, &b.store);
     if (!code)
         code = claim_work(work, &lock);
     if (!code && !realpath(work, whole)) {

@@ -3,7 +3,8 @@
 file(GLOB SG_TOOL_SOURCES CONFIGURE_DEPENDS cli/*.c)
 add_executable(splatguard_tool ${SG_TOOL_SOURCES})
 set_target_properties(splatguard_tool PROPERTIES OUTPUT_NAME splatguard)
-target_link_libraries(splatguard_tool PRIVATE splatguard sg_flags sg_overrides PkgConfig::JANSSON m)
+target_link_libraries(splatguard_tool PRIVATE splatguard sg_flags sg_overrides PkgConfig::JANSSON
+    PkgConfig::XXHASH m)
 
 # Man pages and completions for shells: one page for the tool, and one for each cli/cmd_NAME.c.
 if(NOT CMAKE_CROSSCOMPILING)

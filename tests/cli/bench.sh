@@ -166,6 +166,20 @@ sed 's/"synth": \[[^]]*\]/"path": "spelled"/' plan.json >spelled.json
 expect 0 bench spelled.json --list && cp out spelled.jobs
 expect 0 bench "$PWD/spelled.json" --list --data ./../"${PWD##*/}"/. && cmp -s out spelled.jobs || fail "other jobs: $(cat out)"
 
+# And however often it is copied, unless a photo or its name changes.
+mkdir copied && mv spelled/photo copied/ && cp copied/photo spelled/ && touch -d '2001-02-03' spelled/photo
+expect 0 bench spelled.json --list && cmp -s out spelled.jobs || fail "a copied scene has other jobs: $(cat out)"
+printf . >spelled/photo # as many bytes
+expect 0 bench spelled.json --list && ! cmp -s out spelled.jobs || fail "a changed photo has the same jobs"
+mv copied/photo spelled/photo.png && rm spelled/photo
+expect 0 bench spelled.json --list && ! cmp -s out spelled.jobs || fail "a photo of another name has the same jobs"
+
+# What bench writes is not in a scene, which would be another one then.
+mkdir spelled/below
+expect 2 bench spelled.json -o spelled/x.db; says "spelled/x.db: found it in the folder of scene s, expected it outside of $PWD/spelled"
+expect 2 bench spelled.json -o x.db --work spelled/below/work; says 'spelled/below/work: found it in the folder of scene s'
+[ -z "$(find x.db spelled -name 'x.db*' -o -name work 2>/dev/null)" ] || fail "a refused bench has left $(find x.db spelled)"
+
 # The proxy sees no photos that the attack does not.
 sed 's/"--method", "noise"/"--iterations", "9", "--views", "train"/' plan.json >views.json
 expect 2 bench views.json -o views.db -q
