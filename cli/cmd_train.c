@@ -133,6 +133,8 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
         }
         run->train.iterations = p->train.iterations;
     }
+    if (options_given(t, given, T(run.train.max_seconds)))
+        run->train.max_seconds = p->train.max_seconds;
     if (options_given(t, given, T(run.max_memory)))
         run->max_memory = p->max_memory;
     if (options_given(t, given, T(run.max_vram)))

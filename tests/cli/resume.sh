@@ -121,12 +121,13 @@ expect 0 train --resume swapped --iterations $((end + 10)) -q; says 'other photo
 
 # Interrupted as it begins: a run all the same.
 small=$(ls scene/colmap)
-"$tool" train scene/colmap -o soon -q --iterations 100000 --max-time 3s &
+"$tool" train scene/colmap -o soon -q --iterations 100000 --max-time 100s &
 pid=$!
 wait_for soon/config.json
 interrupt $pid
 [ $? = 130 ] || fail "interrupted as it began: another exit code"
-expect 0 train --resume soon -q
+expect 0 train --resume soon -q --max-time 3s # there is less time now
+grep -q '"max_time": 3\.0' soon/summary.json || fail "the run had $(grep max_time soon/summary.json)"
 
 # timeout(1) sends its signal twice, to the process and to its group: that is one interruption. Another one, a second later,
 # does not wait for the iteration.
