@@ -82,15 +82,15 @@ size_t name_distance(const char *a, size_t n, const char *b)
     return row[m];
 }
 
-/* The name that is most like another one, or NULL. */
+/* The name that is most like another one, or NULL; more than half of it is right. */
 static const char *nearest(const struct option_place *list, size_t count, const char *name,
                            size_t n)
 {
     const char *near = NULL;
-    size_t best = 4;
-    for (size_t i = 0; i < count; i++) {
-        const char *other = list[i].row->name;
-        const size_t d = n > 2 && !strncmp(name, other, n) ? 0 /* the beginning of a name */
+    size_t best = n < 6 ? n / 2 + 1 : 4;
+    for (size_t i = 0; i <= count; i++) {
+        const char *other = i < count ? list[i].row->name : "help"; /* every command has it */
+        const size_t d = n > 2 && !strncmp(name, other, n) ? 0      /* the beginning of a name */
                                                            : name_distance(name, n, other);
         if (d < best)
             best = d, near = other;
