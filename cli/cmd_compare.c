@@ -72,6 +72,7 @@ static const struct {
 struct run {
     const char *path;
     double value[METRICS]; /* NaN = not known */
+    double tested[2];      /* views and pixels that quality was measured on; NaN = not known */
 };
 
 static int read_run(struct run *r, const char *path)
@@ -89,6 +90,8 @@ static int read_run(struct run *r, const char *path)
                           sg_run_summary_number(s, "peak_ledger_bytes_by_tag.optimiser");
         r->value[INSTANCES] = sg_run_summary_number(s, "peak_ledger_bytes_by_tag.instances");
         r->value[IMAGES] = sg_run_summary_number(s, "peak_ledger_bytes_by_tag.images");
+        r->tested[0] = sg_run_summary_number(s, "test_views");
+        r->tested[1] = sg_run_summary_number(s, "test_pixels");
         if (sg_run_summary_number(s, "interrupted") == 1)
             say(stderr, "warning: %s: the run was interrupted\n", path);
     }
@@ -113,6 +116,20 @@ static int measure(struct run *r, const struct compare_config *config, const boo
     }
     model_views_close(&v);
     return code;
+}
+
+/* Runs that were measured on other views than the first one, as far as that is known. */
+static void warn_of_views(const struct run *runs, int n)
+{
+    for (int i = 1; i < n; i++) {
+        const struct run *a = &runs[0], *b = &runs[i];
+        if (isfinite(a->value[PSNR]) && isfinite(b->value[PSNR]) &&
+            (fabs(a->tested[0] - b->tested[0]) > 0 || fabs(a->tested[1] - b->tested[1]) > 0))
+            say(stderr,
+                "warning: %s: measured on %.0f test views with %.0f pixels, %s on %.0f with %.0f: "
+                "--scene measures all on the same\n",
+                b->path, b->tested[0], b->tested[1], a->path, a->tested[0], a->tested[1]);
+    }
 }
 
 static double ratio(const struct run *runs, int i, int m)
@@ -281,6 +298,8 @@ static int run_compare(const void *config, const bool *given, const char *const 
         if (!code && c->m.scene_path)
             code = measure(&runs[i], c, given);
     }
+    if (!code && !c->m.scene_path)
+        warn_of_views(runs, count);
     if (!code && c->html) {
         code = write_html(c, runs, count);
         if (!code && !c->m.quiet)

@@ -227,6 +227,10 @@ int sg_run_summary_read(sg_ctx *ctx, const char *folder, sg_run_summary **out)
     if (!code)
         code =
             sg_run_read_json(ctx, folder, "summary.json", "summary.json of a run", &(*out)->root);
+    if (!code && isnan(sg_run_summary_number(*out, "iterations")))
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s/summary.json: found no number iterations, expected the summary of a run",
+                       folder);
     if (code)
         sg_run_summary_destroy(out);
     return code;

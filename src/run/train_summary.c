@@ -82,6 +82,15 @@ static json_t *budget(const sg_run *r, const struct sg_train_limits *l)
                      sg_number_json(r->train.max_seconds), "binding", binding);
 }
 
+/* Quality is comparable where views have as many pixels. */
+static uint64_t test_pixels(const struct sg_scene *scene)
+{
+    uint64_t pixels = 0;
+    for (size_t i = 0; i < scene->n_test; i++)
+        pixels += (uint64_t) scene->test[i].camera.width * (uint64_t) scene->test[i].camera.height;
+    return pixels;
+}
+
 int sg_run_write_summary(sg_run *r)
 {
     const struct run_totals *t = &r->totals;
@@ -128,6 +137,7 @@ int sg_run_write_summary(sg_run *r)
     COUNT("threads", sg_ctx_threads(r->ctx));
     COUNT("train_views", r->scene->n_train);
     COUNT("test_views", r->scene->n_test);
+    COUNT("test_pixels", test_pixels(r->scene));
     if (r->eval.views && r->evaluated == done) {
         PUT("psnr", sg_number_json(r->eval.psnr));
         PUT("ssim", sg_number_json(r->eval.ssim));

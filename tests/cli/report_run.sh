@@ -54,6 +54,15 @@ grep -q '<img src=x' both.html && fail "a name is an element of the comparison"
 expect 0 compare "$name" "$name"
 most=$(awk '/^Gaussians, most/ { print $3 }' out)
 grep -q "^<tr><th scope=row>Gaussians, most<td>$most<td>$most (1.00x)" both.html || fail "another table than compare prints"
+
+# Views of other sizes are told of, unless all runs are measured on the same.
+grep -q warning err && fail "runs of the same views are told apart"
+expect 0 train scene/colmap -o small --eval --iterations 2 --downscale 2 -q
+expect 0 compare "$name" small; grep -qE '^warning: small: measured on [0-9]+ test views with [1-9][0-9]* pixels, run .* on [0-9]+ with [1-9][0-9]*: --scene measures' err || fail "compare says $(cat err)"
+expect 0 compare "$name" small --scene scene/colmap; grep -q warning err && fail "runs that were measured on the same are told apart"
+echo '{"psnr": 12}' >small/summary.json
+expect 2 compare "$name" small; says 'small/summary.json: found no number iterations, expected the summary of a run'
+
 echo mine >both.html.tmp
 expect 0 compare "$name" "$name" --html both.html
 grep -q mine both.html.tmp || fail "another's file is gone"
