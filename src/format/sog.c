@@ -64,7 +64,10 @@ static int unpack(const struct file *f, const char *name, uint64_t max_bytes, ch
     const struct sg_zip_entry *entry = sg_zip_find(&f->zip, name);
     *data = NULL;
     if (!entry)
-        return sg_fail(f->ctx, SG_ERR_INPUT, "%s: zip: found no %s", f->in->path, name);
+        return sg_fail(f->ctx, SG_ERR_INPUT,
+                       "%s: zip: found no %s, expected it in a model of PlayCanvas (.sog); the "
+                       "name of a scene's archive ends in .zip",
+                       f->in->path, name);
     char *path = sg_strf(f->ctx, "%s/%s", f->in->path, name);
     int code = path ? sg_zip_source(&f->zip, entry, path, max_bytes, &in) : SG_ERR_BUDGET;
     if (!code)

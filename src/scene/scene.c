@@ -57,7 +57,8 @@ static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_for
     }
     return sg_fail(
         ctx, SG_ERR_INPUT,
-        "%s: found no scene, looked for %s; photos alone need cameras first, as COLMAP finds them",
+        "%s: found no scene, looked for %s; photos alone need cameras first, as COLMAP finds them "
+        "(only an audit, of a folder of photos, needs none)",
         dir->path, looked_for);
 }
 

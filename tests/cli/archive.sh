@@ -38,6 +38,12 @@ cmp cut/checkpoint.bin whole/checkpoint.bin || fail "the checkpoints differ afte
 "$tool" view blender.zip --scene scene/blender 2>err && fail "a view of two scenes"
 grep -q 'found two scenes\|no HTTP server' err || fail "view says $(cat err)"
 
+# Archives that are something else than what they are taken for.
+cp blender.zip blender.dat
+expect 2 info blender.dat; says "the name of a scene's archive ends in .zip"
+(cd scene/colmap/images && python3 -m zipfile -c ../../../photos.zip ./*)
+expect 2 audit photos.zip; says 'photos.zip: found no scene, looked for '; says 'only an audit, of a folder of photos, needs none'
+
 head -c 3000 blender.zip >torn.zip
 expect 2 train torn.zip -o torn --quiet; says 'torn.zip: zip: found no directory at its end'
 [ ! -e torn ] || fail "a run of a torn archive"
