@@ -15,7 +15,8 @@ train=$!
 until [ -s address ] || grep -q 'no HTTP server' err; do sleep 0.1; done
 [ -s address ] || { echo "skipped: no libmicrohttpd"; exit 77; }
 command -v python3 >/dev/null || { echo "skipped: no Python"; exit 77; }
-python3 "$source_dir/tests/cli/view_training.py" "$(cat address)" look || fail "looking on"
+look() { python3 "$source_dir/tests/cli/view_training.py" address "$@"; }
+look look || fail "looking on"
 wait $train || fail "the training ends with $?"
 
 # shellcheck disable=SC2086
@@ -28,10 +29,11 @@ done
 rm address
 anchors="scene/blender $(once $short --iterations $((last * 3 / 2)) --init-points 200 --model scaffold --anchors-from-iter 40 --voxel-size 0.02)"
 # shellcheck disable=SC2086
+look look --anchors & # first: the training takes a second
+looker=$!
 "$tool" train $anchors -o anchors-seen --view >address 2>err &
 train=$!
-wait_for address
-python3 "$source_dir/tests/cli/view_training.py" "$(cat address)" look --anchors || fail "looking on anchors"
+wait $looker || fail "looking on anchors"
 wait $train || fail "the training of anchors ends with $?"
 # shellcheck disable=SC2086
 expect 0 train $anchors -o anchors-plain
@@ -40,10 +42,11 @@ cmp anchors-plain/checkpoint.bin anchors-seen/checkpoint.bin || fail "another ch
 # Stopped by the page, with everything saved.
 rm address
 # shellcheck disable=SC2086
+look stop &
+looker=$!
 "$tool" train $options -o stopped --view >address 2>err &
 train=$!
-wait_for address
-python3 "$source_dir/tests/cli/view_training.py" "$(cat address)" stop || fail "stopping"
+wait $looker || fail "stopping"
 wait $train
 [ $? -eq 130 ] || fail "a stopped training does not end with 130"
 says 'train --resume stopped'

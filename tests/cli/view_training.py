@@ -1,13 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""view_training.py ADDRESS look|stop [--anchors]: a page of `splatguard train --view`, without a browser."""
+"""view_training.py FILE look|stop [--anchors]: a page of `splatguard train --view`, whose address FILE gets, without a
+browser."""
 import json
+import os
 import socket
 import sys
 import time
 import urllib.error
 import urllib.request
 
-address, what, anchors = sys.argv[1].strip(), sys.argv[2], "--anchors" in sys.argv
+what, anchors = sys.argv[2], "--anchors" in sys.argv
+end = time.monotonic() + 60
+while not os.path.exists(sys.argv[1]) or not os.path.getsize(sys.argv[1]):
+    assert time.monotonic() < end, "no address"
+    time.sleep(0.01)
+with open(sys.argv[1]) as file:
+    address = file.read().strip()
 
 
 def get(name, post=False):
