@@ -87,8 +87,26 @@ static unsigned methods_of(const struct sg_option *o, bool unbounded, bool *refu
                : ~0u;
 }
 
-/* Refuses options without an effect on the method, or warns of them. */
-static int check_method(const struct sg_attack_run_params *p, const bool *given)
+/* Beside the method, what takes the effect from an option; NULL if it has one. */
+static const char *without_effect(const struct sg_attack_run_params *p, const struct sg_option *o)
+{
+    static const char *const rates[] = {"feature-lr", "opacity-lr", "scaling-lr", "rotation-lr",
+                                        "percent-dense"};
+    const bool scaffold = p->attack.model == SG_ATTACK_SCAFFOLD;
+    if (p->files.save == SG_POISON_PNG && !strncmp(o->name, "jpeg-", strlen("jpeg-")))
+        return "with --save png";
+    if (p->proxy && !strcmp(o->name, "proxy-iterations"))
+        return "with --proxy";
+    if (!scaffold && !strncmp(o->group, "Anchors", strlen("Anchors")))
+        return "without --model scaffold";
+    for (size_t i = 0; i < sizeof(rates) / sizeof(rates[0]); i++)
+        if (scaffold && !strcmp(o->name, rates[i]))
+            return "with --model scaffold";
+    return NULL;
+}
+
+/* Refuses options without an effect, or warns of them. */
+static int check_effects(const struct sg_attack_run_params *p, const bool *given)
 {
     static const char *const names[] = {"poison-splat", "noise", "tv-per-view", "drift"};
     struct option_place list[OPTIONS_MAX];
@@ -97,8 +115,14 @@ static int check_method(const struct sg_attack_run_params *p, const bool *given)
         const struct sg_option *o = list[i].row;
         bool refused;
         const unsigned methods = methods_of(o, !isfinite(p->attack.epsilon), &refused);
-        if (!given[i] || methods >> p->method & 1)
+        if (!given[i])
             continue;
+        if (methods >> p->method & 1) {
+            const char *why = without_effect(p, o);
+            if (why)
+                say(stderr, "warning: --%s has no effect %s\n", o->name, why);
+            continue;
+        }
         char expected[64] = "";
         for (int m = 0; m <= SG_METHOD_DRIFT; m++)
             if (methods >> m & 1)
@@ -219,7 +243,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
         code = missing(&command_attack, c.run.source ? "-o POISONED" : "SCENE");
     c.run.attack.cpu = cpu_variant(c.run.attack.cpu);
     if (!code)
-        code = check_method(&c.run, given);
+        code = check_effects(&c.run, given);
     if (!code)
         code = open_engine_context(&ctx, c.threads, c.run.max_memory, c.run.max_vram, c.quiet);
     if (!code)

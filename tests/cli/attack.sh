@@ -187,6 +187,10 @@ says '--max-gaussians: found 800 and victim_gaussians 900, expected one limit'
 expect 1 attack scene/blender -o x --method drift --texture 8; says 'poison-splat or noise or tv-per-view'
 expect 0 attack scene/colmap -o unused --method noise -q --inner 3 --iterations 9 --feature-lr 0.1
 for option in inner iterations feature-lr; do says "warning: --$option has no effect with --method noise"; done
+expect 2 attack nowhere -o x --voxel-size 0.1 --proxy seed --proxy-iterations 9 --save png --jpeg-quality 9
+says 'warning: --voxel-size has no effect without --model scaffold'; says 'warning: --proxy-iterations has no effect with --proxy'
+says 'warning: --jpeg-quality has no effect with --save png'
+expect 2 attack nowhere -o x --model scaffold --opacity-lr 0.1; says 'warning: --opacity-lr has no effect with --model scaffold'
 expect 0 attack scene/colmap -o unused --method tv-per-view -q --inner 1 --force
 [ ! -s err ] || fail "--inner has an effect with tv-per-view"
 expect 1 attack scene/blender -o x --epsilon inf --texture 8; says '--texture: found 8 and an epsilon of inf, expected a finite'
