@@ -114,9 +114,13 @@ const char *sg_run_option_unused(const struct sg_run_params *p, const struct sg_
         return "found without effect, expected --strategy mcmc with it";
     if (mcmc && sg_word_index("absgrad|densify-grad-threshold|percent-dense", o->name) >= 0)
         return "found without effect, expected another strategy than mcmc with it";
-    if (scaffold && sg_word_index("feature-lr|opacity-lr|scaling-lr|rotation-lr", o->name) >= 0)
+    if (scaffold && sg_word_index("position-lr-init|position-lr-final|feature-lr|opacity-lr|"
+                                  "scaling-lr|rotation-lr",
+                                  o->name) >= 0)
         return "found without effect, expected another model than scaffold, which has rates of its "
                "own";
+    if (scaffold && sg_word_index("sh-degree|percent-dense", o->name) >= 0)
+        return "found without effect, expected another model than scaffold";
     if (!p->train.exposure && !strncmp(o->name, "exposure-lr", 11))
         return "found without effect, expected --exposure with it";
     if (!is_limited(p) && !strcmp(o->name, "at-limit"))

@@ -38,6 +38,9 @@ expect 1 train scene/blender -o none --model scaffold --strategy mcmc; says 'fou
 # Options of another model or strategy, and what an audit may turn on, are refused before work begins.
 expect 1 train scene/blender -o none --anchor-offsets 5; says '--anchor-offsets: found without effect, expected --model scaffold'
 expect 1 train scene/blender -o none --model scaffold --opacity-lr 0.1; says '--opacity-lr: found without effect'
+for option in sh-degree percent-dense position-lr-init; do
+    expect 1 train scene/blender -o none --model scaffold --$option 1; says "--$option: found without effect, expected another model than scaffold"
+done
 expect 1 train scene/blender -o none --exposure-lr-init 0.1; says '--exposure-lr-init: found without effect, expected --exposure'
 expect 1 train scene/blender -o none --at-limit stop; says '--at-limit: found without effect, expected --max-gaussians'
 expect 1 train scene/blender -o none --strategy mcmc --cap-max 900 --percent-dense 0.1; says '--percent-dense: found without effect'
