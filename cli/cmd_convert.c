@@ -65,7 +65,7 @@ static bool parse_box(const char *text, struct sg_model_selection *s)
 static int run_convert(const void *config, const bool *given, const char *const *positional,
                        int count)
 {
-    (void) given, (void) count;
+    (void) count;
     struct convert_config copy = *(const struct convert_config *) config, *c = &copy;
     const char *out = positional[1];
     struct sg_model *model = NULL, *kept = NULL;
@@ -89,6 +89,14 @@ static int run_convert(const void *config, const bool *given, const char *const 
     }
     if (c->file.format == SG_MODEL_KSPLAT) {
         say(stderr, "splatguard convert: %s: found format %s, which is only read\n", out,
+            sg_model_format_name(c->file.format));
+        return STATUS_USAGE;
+    }
+    if (options_given(&command_convert, given, M(file.spz_version)) &&
+        c->file.format != SG_MODEL_SPZ) {
+        say(stderr,
+            "splatguard convert: --spz-version: found without effect on the format %s, expected "
+            "spz\n",
             sg_model_format_name(c->file.format));
         return STATUS_USAGE;
     }
@@ -127,11 +135,9 @@ const struct command command_convert = {
     .summary = "Converts a model between file formats, or keeps a part of it.",
     .description =
         "Reads .ply, compressed .ply of SuperSplat, .splat, .spz, .ksplat or .sog, recognised by "
-        "content "
-        "where the format has a mark, and writes .ply, .compressed.ply, .splat, .spz, "
+        "content where the format has a mark, and writes .ply, .compressed.ply, .splat, .spz, "
         ".sog or .glb (glTF with KHR_gaussian_splatting). Formats but .ply and .glb round; "
-        "docs/formats.md has "
-        "how much. OUT must be new.",
+        "docs/formats.md has how much. OUT must be new.",
     .groups = "Selection|Output",
     .options = convert_options,
     .config_size = sizeof(struct convert_config),

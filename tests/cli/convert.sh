@@ -59,6 +59,7 @@ expect 2 convert run none.ply --crop 50,50,50,51,51,51; says "$model: found none
 expect 1 convert run m.xyz; says 'm.xyz: found no known ending'
 expect 1 convert run m.ksplat; says 'only read'
 expect 1 convert run m.ply --crop 1,2,3; says '--crop: found "1,2,3", expected six numbers'
+expect 1 convert run m.ply --spz-version 3; says "--spz-version: found without effect on the format ply, expected spz"
 expect 1 convert run m.ply --crop 1,2,3,0,5,6; says '--crop'
 expect 1 convert $model m.ply --iteration 120; says "expected a run's folder"
 expect 2 convert missing.ply m.ply; says 'missing.ply'
