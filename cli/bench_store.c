@@ -261,32 +261,37 @@ static int put(struct store *s, const char *sql, const char *types, ...)
     sqlite3_stmt *q = NULL;
     if (sqlite3_prepare_v2(s->db, sql, -1, &q, NULL))
         return failed(s);
+    int result = SQLITE_OK;
     va_list args;
     va_start(args, types);
-    for (int i = 0; types[i]; i++) {
+    for (int i = 0; types[i] && result == SQLITE_OK; i++) {
         const char *text = types[i] == 't' ? va_arg(args, const char *) : NULL;
         if (types[i] == 't' && text)
-            sqlite3_bind_text(q, i + 1, text, -1, SQLITE_TRANSIENT);
+            result = sqlite3_bind_text(q, i + 1, text, -1, SQLITE_TRANSIENT);
         else if (types[i] == 'i')
-            sqlite3_bind_int64(q, i + 1, va_arg(args, long long));
+            result = sqlite3_bind_int64(q, i + 1, va_arg(args, long long));
         else if (types[i] == 'r') {
             const double v = va_arg(args, double);
             if (isfinite(v))
-                sqlite3_bind_double(q, i + 1, v);
+                result = sqlite3_bind_double(q, i + 1, v);
         } else if (types[i] == 'b') {
             const void *bytes = va_arg(args, const void *);
-            sqlite3_bind_blob64(q, i + 1, bytes, va_arg(args, size_t), SQLITE_TRANSIENT);
+            result = sqlite3_bind_blob64(q, i + 1, bytes, va_arg(args, size_t), SQLITE_TRANSIENT);
         } else if (types[i] == 'j') {
             json_t *value = va_arg(args, json_t *);
             char *dump = value ? json_dumps(value, JSON_SORT_KEYS | JSON_COMPACT) : NULL;
-            if (dump)
-                sqlite3_bind_text(q, i + 1, dump, -1, SQLITE_TRANSIENT);
+            if (value)
+                result =
+                    dump ? sqlite3_bind_text(q, i + 1, dump, -1, SQLITE_TRANSIENT) : SQLITE_NOMEM;
             free(dump);
         }
     }
     va_end(args);
-    const int result = sqlite3_step(q);
-    const int code = result == SQLITE_DONE || result == SQLITE_ROW ? STATUS_DONE : failed(s);
+    if (result == SQLITE_OK)
+        result = sqlite3_step(q);
+    const int code = result == SQLITE_DONE || result == SQLITE_ROW ? STATUS_DONE
+                     : result == SQLITE_NOMEM                      ? no_memory()
+                                                                   : failed(s);
     sqlite3_finalize(q);
     return code;
 }
