@@ -392,6 +392,38 @@ static void pruning_removes_and_repairs(void **state)
     clear_fixture(&f);
 }
 
+/* One view cannot tell all of a position and a size. So Gaussians that it shows have PUP's score of
+ * those that it does not show, but do not count as such. */
+static void unseen_is_what_no_view_shows(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_model *m = make_model(f.ctx, MOST, 0, 5);
+    size_t expected = 0, lowest = 0;
+    f.scene.train = f.views, f.scene.n_train = 1;
+    *sg_model_at(m, 20, SG_P_XYZ) = 500; /* nobody sees it */
+    for (int method = SG_PRUNER_LIGHTGAUSSIAN; method <= SG_PRUNER_SPECTRAL; method++) {
+        struct sg_prune_params p = params_of((enum sg_pruner) method);
+        struct sg_prune_result r;
+        struct sg_model *left;
+        double score[MOST];
+        p.ratio = 0.01, p.finetune = 0, p.reduce = 1;
+        assert_int_equal(sg_prune_scores(f.ctx, &f.scene, m, &p, score), SG_OK);
+        assert_true(score[20] == (method == SG_PRUNER_LIGHTGAUSSIAN ? 0 : -INFINITY));
+        assert_int_equal(sg_prune(f.ctx, &f.scene, m, &p, &left, &r), SG_OK);
+        for (size_t i = 0; i < MOST; i++) {
+            expected += method == SG_PRUNER_LIGHTGAUSSIAN && score[i] == 0;
+            lowest += method == SG_PRUNER_PUP && score[i] == -INFINITY;
+        }
+        assert_int_equal(r.unseen[0], expected);
+        sg_model_destroy(&left);
+    }
+    assert_true(lowest > expected);
+    f.scene.n_train = VIEWS;
+    sg_model_destroy(&m);
+    clear_fixture(&f);
+}
+
 /* At 8/15 and 12/15 of the iterations; a resumed run has the same bytes. */
 static void training_removes_twice(void **state)
 {
@@ -609,6 +641,7 @@ int main(void)
         cmocka_unit_test(ranks_are_those_of_the_released_code),
         cmocka_unit_test(rates_follow_the_released_schedule),
         cmocka_unit_test(pruning_removes_and_repairs),
+        cmocka_unit_test(unseen_is_what_no_view_shows),
         cmocka_unit_test(training_removes_twice),
         cmocka_unit_test(a_long_step_removes),
         cmocka_unit_test(limits_are_met),

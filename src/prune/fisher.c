@@ -42,6 +42,7 @@ struct job {
     struct ref_entry *entries; /* of all tiles, in drawing order */
     size_t first_tile;         /* of the chunk */
     double *slots;             /* per entry of the chunk: MOMENTS, then FISHER of them are F */
+    uint8_t *shown;            /* NULL, or whether a pixel has the Gaussian */
 };
 
 static void load(const struct sg_model *m, size_t i, double *planes)
@@ -228,6 +229,11 @@ static void apply_map(const double map[GEOMETRY + 3][6], double *slot)
     memcpy(slot, f, sizeof(f));
 }
 
+static bool in_pixel(const double *slot)
+{
+    return slot[3 * CHANNEL] > 0;
+}
+
 static void do_tile(void *arg, size_t index, int thread)
 {
     (void) thread;
@@ -247,7 +253,7 @@ static void do_tile(void *arg, size_t index, int thread)
             add_pixel(j, list, m, x, y, slots);
     for (size_t k = 0; k < m; k++) {
         double map[GEOMETRY + 3][6];
-        if (!(slots[k * MOMENTS + 3 * CHANNEL] > 0)) /* in no pixel */
+        if (!in_pixel(slots + k * MOMENTS))
             continue;
         make_map(j, list[k].id, map);
         apply_map(map, slots + k * MOMENTS);
@@ -286,19 +292,27 @@ static int add_view(sg_ctx *ctx, struct job *j, size_t capacity[3], double *f)
             return SG_ERR_BUDGET;
         j->first_tile = first;
         sg_parallel_for(ctx, end - first, do_tile, j);
-        for (size_t k = 0; k < m; k++)
-            for (int v = 0; v < FISHER; v++)
-                f[(size_t) j->entries[from + k].id * FISHER + (size_t) v] +=
-                    j->slots[k * MOMENTS + (size_t) v];
+        for (size_t k = 0; k < m; k++) {
+            const double *slot = j->slots + k * MOMENTS;
+            const size_t id = j->entries[from + k].id;
+            for (size_t v = 0; v < FISHER; v++)
+                f[id * FISHER + v] += slot[v];
+            if (j->shown && in_pixel(slot))
+                j->shown[id] = 1;
+        }
     }
     return SG_OK;
 }
 
-/* f: FISHER values per Gaussian. */
+/* f: FISHER values per Gaussian. shown: zeros, see struct job. */
 static int accumulate(sg_ctx *ctx, const struct sg_camera *const *views, size_t n,
-                      const struct sg_model *m, const struct sg_prune_params *p, double *f)
+                      const struct sg_model *m, const struct sg_prune_params *p, double *f,
+                      uint8_t *shown)
 {
-    struct job j = {.model = m, .degree = m->active_sh_degree, .cumulative = p->released_gradient};
+    struct job j = {.model = m,
+                    .degree = m->active_sh_degree,
+                    .cumulative = p->released_gradient,
+                    .shown = shown};
     size_t capacity[3] = {0};
     int code = SG_OK;
     for (int ch = 0; ch < 3; ch++)
@@ -333,7 +347,7 @@ int sg_pup_fisher(sg_ctx *ctx, const struct sg_camera *const *views, size_t n,
                   const struct sg_model *m, const struct sg_prune_params *p, double *fisher)
 {
     double *f = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, m->count, FISHER * sizeof(*f));
-    const int code = f ? accumulate(ctx, views, n, m, p, f) : SG_ERR_BUDGET;
+    const int code = f ? accumulate(ctx, views, n, m, p, f, NULL) : SG_ERR_BUDGET;
     for (size_t i = 0; i < m->count && !code; i++)
         unpack(f + i * FISHER, fisher + 36 * i);
     sg_free(f);
@@ -371,19 +385,23 @@ double sg_log_det6(const double *matrix)
 }
 
 int sg_pup(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *m,
-           const struct sg_prune_params *p, double *score)
+           const struct sg_prune_params *p, double *score, size_t *unseen)
 {
     const struct sg_camera **views = sg_training_cameras(ctx, scene);
     double *f = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, m->count, FISHER * sizeof(*f));
-    int code = views && f ? SG_OK : SG_ERR_BUDGET;
+    uint8_t *shown = sg_alloc(ctx, SG_MEM_OPTIMISER, m->count, 1);
+    int code = views && f && shown ? SG_OK : SG_ERR_BUDGET;
     if (!code)
-        code = accumulate(ctx, views, scene->n_train, m, p, f);
+        code = accumulate(ctx, views, scene->n_train, m, p, f, shown);
+    *unseen = 0;
     for (size_t i = 0; i < m->count && !code; i++) {
         double matrix[36];
         unpack(f + i * FISHER, matrix);
         score[i] = sg_log_det6(matrix);
+        *unseen += !shown[i];
     }
     sg_free(views);
     sg_free(f);
+    sg_free(shown);
     return code;
 }

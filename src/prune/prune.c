@@ -58,14 +58,14 @@ static int spectral(struct sg_engine *engine, const struct sg_scene *scene,
 }
 
 static int score_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *m,
-                       const struct sg_prune_params *p, double *score)
+                       const struct sg_prune_params *p, double *score, size_t *unseen)
 {
     struct sg_render_params render = sg_render_params_default();
     struct sg_engine *engine = NULL;
     for (int ch = 0; ch < 3; ch++)
         render.background[ch] = p->white_background ? 1 : 0;
     if (p->method == SG_PRUNER_PUP)
-        return sg_pup(ctx, scene, m, p, score);
+        return sg_pup(ctx, scene, m, p, score, unseen);
     int code = sg_engine_create(ctx, p->engine, p->cpu, &engine);
     if (!code)
         code = sg_engine_upload(engine, m, NULL);
@@ -74,16 +74,21 @@ static int score_model(sg_ctx *ctx, const struct sg_scene *scene, const struct s
                    ? spectral(engine, scene, p, &render, score)
                    : sg_lightgaussian(engine, scene, m, p, &render, score);
     sg_engine_destroy(&engine);
-    return sg_engine_give_way(ctx, p->engine, p->cpu, code) ? score_model(ctx, scene, m, p, score)
-                                                            : code;
+    if (sg_engine_give_way(ctx, p->engine, p->cpu, code))
+        return score_model(ctx, scene, m, p, score, unseen);
+    *unseen = 0;
+    for (size_t i = 0; i < m->count && !code; i++)
+        *unseen += score[i] == 0 || score[i] == -INFINITY;
+    return code;
 }
 
 int sg_prune_scores(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *model,
                     const struct sg_prune_params *params, double *score)
 {
     const struct sg_prune_params p = params ? *params : sg_prune_params_default();
+    size_t unseen;
     const int code = check(ctx, scene, model, &p);
-    return code ? code : score_model(ctx, scene, model, &p, score);
+    return code ? code : score_model(ctx, scene, model, &p, score, &unseen);
 }
 
 size_t sg_prune_choose(const double *score, size_t n, double ratio, double *sorted, uint8_t *keep)
@@ -110,12 +115,10 @@ static int remove_lowest(sg_ctx *ctx, const struct sg_scene *scene, const struct
     struct sg_model *left = NULL;
     double *score = sg_alloc_raw(ctx, SG_MEM_MISC, 2 * n, sizeof(*score));
     uint8_t *keep = sg_alloc_raw(ctx, SG_MEM_MISC, n, 1);
-    int code = score && keep ? score_model(ctx, scene, m, p, score) : SG_ERR_BUDGET;
+    int code = score && keep ? score_model(ctx, scene, m, p, score, &result->unseen[round])
+                             : SG_ERR_BUDGET;
     if (!code) {
         result->before[round] = n;
-        result->unseen[round] = 0;
-        for (size_t i = 0; i < n; i++)
-            result->unseen[round] += score[i] == 0 || score[i] == -INFINITY;
         result->removed[round] = sg_prune_choose(score, n, ratio, score + n, keep);
         code = sg_model_create_like(ctx, m, n - result->removed[round], m->sh_degree, &left);
     }

@@ -15,9 +15,10 @@ int sg_lightgaussian(struct sg_engine *engine, const struct sg_scene *scene,
 int sg_volume_factors(sg_ctx *ctx, const struct sg_prune_params *params, const double *volume,
                       size_t n, double *factor);
 
-/* PUP 3D-GS's. */
+/* PUP 3D-GS's. *unseen: the Gaussians that no view shows. Others have the score of these where the
+ * views do not determine all of a position and a size. */
 int sg_pup(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *model,
-           const struct sg_prune_params *params, double *score);
+           const struct sg_prune_params *params, double *score, size_t *unseen);
 
 /* The Fisher information itself, for tests: 36 values, a symmetric matrix, per Gaussian. */
 int sg_pup_fisher(sg_ctx *ctx, const struct sg_camera *const *views, size_t n,
