@@ -64,6 +64,32 @@ static void test_model(void **state)
     clear_fixture(&f);
 }
 
+/* What a lower degree does not learn is not in the model: renderers would draw it. */
+static void test_degree(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    f.start->active_sh_degree = 1;
+    p.sh_degree = 0;
+    for (size_t limit = 0; limit <= 50; limit += 50) {
+        struct sg_model *m;
+        p.max_gaussians = limit;
+        sg_trainer *t = begin_training(&f, &p);
+        assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+        const size_t n = f.start->count, left = limit ? limit : n;
+        assert_int_equal(m->count, left);
+        assert_int_equal(m->sh_degree, 0);
+        assert_int_equal(m->active_sh_degree, 0);
+        for (size_t k = 0; k < left; k++)
+            for (int i = 0; i < sg_param_count(0); i++)
+                assert_true(*sg_model_at(m, k, i) == *sg_model_at(f.start, k * n / left, i));
+        sg_model_destroy(&m);
+        sg_trainer_destroy(&t);
+    }
+    clear_fixture(&f);
+}
+
 /* The number that memory allows varies from run to run. A checkpoint slightly above it continues
  * whole; one above the user's own limit is thinned out. */
 static void test_checkpoint_above_limit(void **state)
@@ -96,6 +122,7 @@ static void test_checkpoint_above_limit(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_points), cmocka_unit_test(test_model),
+                                       cmocka_unit_test(test_degree),
                                        cmocka_unit_test(test_checkpoint_above_limit)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

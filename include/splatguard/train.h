@@ -309,11 +309,12 @@ struct sg_train_times {
 /* Thread safety: unsafe. The scene must outlive the trainer and is not changed. */
 typedef struct sg_trainer sg_trainer;
 
-/* initial: a model to start from, which is copied; NULL = the points of the scene, or random ones.
- * With a memory limit, destroy `initial` before the first step: its memory is already promised to
- * the run. params may be NULL. Errors: SG_ERR_USAGE for values out of range; SG_ERR_INPUT if the
- * scene has no training view or no used pixel, or if `initial` has a value that is not finite;
- * SG_ERR_BUDGET if the run cannot fit. */
+/* initial: a model to start from, which is copied, but for spherical harmonics of higher degrees
+ * than params->sh_degree; NULL = the points of the scene, or random ones. With a memory limit,
+ * destroy `initial` before the first step: its memory is already promised to the run. params may be
+ * NULL. Errors: SG_ERR_USAGE for values out of range; SG_ERR_INPUT if the scene has no training
+ * view or no used pixel, or if `initial` has a value that is not finite; SG_ERR_BUDGET if the run
+ * cannot fit. */
 SG_API int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene,
                              const struct sg_model *initial, const struct sg_train_params *params,
                              sg_trainer **out);

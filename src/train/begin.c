@@ -67,16 +67,17 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
     return code;
 }
 
-/* A copy of a model, thinned out evenly to the limit. */
-static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
+/* A copy of a model, thinned out evenly to `count` Gaussians, with at most this SH degree. */
+static int reduced_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t count, int sh_degree,
                         struct sg_model **out)
 {
-    const int code = sg_model_create_like(ctx, m, limit, m->sh_degree, out);
+    const int code = sg_model_create_like(ctx, m, count, sh_degree, out);
     if (code)
         return code;
-    say_thinned(ctx, sg_model_gaussians(m), sg_model_gaussians(*out));
-    for (size_t k = 0; k < limit; k++)
-        sg_model_copy_row(m, sg_evenly(m->count, k, limit), *out, k);
+    if (count < m->count)
+        say_thinned(ctx, sg_model_gaussians(m), sg_model_gaussians(*out));
+    for (size_t k = 0; k < count; k++)
+        sg_model_copy_row(m, sg_evenly(m->count, k, count), *out, k);
     return SG_OK;
 }
 
@@ -146,8 +147,9 @@ int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
         code = t->strategy->initial(t, &made);
     else if (!initial)
         code = initial_model(t->ctx, t->scene, &t->params, limit, &made);
-    else if (t->gaussians_bound)
-        code = thinned_copy(t->ctx, initial, limit / each, &made);
+    else if (t->gaussians_bound || initial->sh_degree > t->sh_degree)
+        code = reduced_copy(t->ctx, initial, t->gaussians_bound ? limit / each : initial->count,
+                            t->sh_degree, &made);
     if (!code) {
         t->start_degree = (made ? made : initial)->active_sh_degree;
         code = made ? sg_engine_adopt(t->engine, made,

@@ -265,11 +265,13 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     t->spent = t->params.seconds_before;
     if (start->checkpoint && (code = sg_checkpoint_open(t, start->checkpoint, &saved)))
         goto fail;
-    t->sh_degree = start->checkpoint      ? saved.header.sh_degree
-                   : start->initial       ? start->initial->sh_degree
-                   : t->strategy->initial ? 0 /* of what is made */
-                                          : t->params.sh_degree;
-    t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
+    const int most = start->checkpoint      ? saved.header.sh_degree
+                     : start->initial       ? start->initial->sh_degree
+                     : t->strategy->initial ? 0 /* of what is made */
+                                            : t->params.sh_degree;
+    t->params.sh_degree = t->params.sh_degree < most ? t->params.sh_degree : most;
+    /* A new run stores no coefficients that it does not learn: others would draw them. */
+    t->sh_degree = start->checkpoint ? most : t->params.sh_degree;
     if ((code = open_engine(t, start)) || (code = alloc_state(t)) ||
         (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
         (code = set_model(t)) ||
