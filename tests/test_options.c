@@ -341,6 +341,9 @@ static void test_unused(void **state)
 
     p = plain, p.train.defense.on = true;
     assert_null(unused(&p, "rho"));
+    assert_unused(&p, "filter-grace", "--model scaffold");
+    p.train.model = SG_MODEL_SCAFFOLD;
+    assert_null(unused(&p, "filter-grace"));
     p = plain, p.audit = SG_RUN_AUDIT_DEFEND;
     assert_null(unused(&p, "rho"));
     p = plain, p.audit = SG_RUN_AUDIT_REFUSE;
@@ -360,15 +363,30 @@ static void test_unused(void **state)
         *(limit == 0 ? &p.max_memory : limit == 1 ? &p.max_vram : &p.train.max_gaussians) = 1 << 20;
         assert_null(unused(&p, "filter-hits"));
         assert_unused(&p, "filter-interval", "without a defense");
+        p.train.at_limit = SG_AT_LIMIT_STOP;
+        assert_unused(&p, "filter-hits", "without a defense");
+        p.train.at_limit = SG_AT_LIMIT_SCORE, p.train.model = SG_MODEL_SCAFFOLD;
+        assert_unused(&p, "filter-hits", "without a defense");
     }
 
     p = plain, p.train.model = SG_MODEL_MIP;
     assert_null(unused(&p, "mip-kernel"));
     p = plain, p.train.model = SG_MODEL_SCAFFOLD;
     assert_null(unused(&p, "voxel-size"));
+    assert_null(unused(&p, "position-lr-max-steps"));
+    assert_null(unused(&p, "densify-grad-threshold"));
+    const char *const of_gaussians[] = {"sh-degree",     "position-lr-init", "position-lr-final",
+                                        "percent-dense", "feature-lr",       "tolerance-low-pass"};
+    for (size_t i = 0; i < sizeof(of_gaussians) / sizeof(of_gaussians[0]); i++)
+        assert_unused(&p, of_gaussians[i], "another model than scaffold");
     p = plain, p.train.strategy = SG_STRATEGY_MCMC;
     assert_null(unused(&p, "cap-max"));
     assert_unused(&p, "absgrad", "another strategy");
+    p.train.max_gaussians = 1000, p.train.tolerance = 3, p.train.defense.on = true;
+    assert_null(unused(&p, "lambda"));
+    const char *const of_filter[] = {"at-limit", "tolerance-growth", "filter-views", "rho-least"};
+    for (size_t i = 0; i < sizeof(of_filter) / sizeof(of_filter[0]); i++)
+        assert_unused(&p, of_filter[i], "another strategy");
 }
 
 int main(void)

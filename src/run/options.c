@@ -83,10 +83,17 @@ static bool is_limited(const struct sg_run_params *p)
     return p->train.max_gaussians || p->max_memory || p->max_vram;
 }
 
+/* Whether the filter's score decides at a limit which Gaussians stay. */
+static bool is_ranked(const struct sg_run_params *p)
+{
+    const struct sg_train_params *t = &p->train;
+    return is_limited(p) && t->at_limit == SG_AT_LIMIT_SCORE && t->model != SG_MODEL_SCAFFOLD &&
+           t->strategy != SG_STRATEGY_MCMC;
+}
+
 static const char *unused_defense(const struct sg_run_params *p, const struct sg_option *o)
 {
     const struct sg_train_params *t = &p->train;
-    /* At a limit these decide which Gaussians stay. */
     static const char ranking[] = "filter-frequency|filter-exponent|filter-views|filter-sigma|"
                                   "filter-hits|filter-sample";
     const bool tolerates =
@@ -94,7 +101,7 @@ static const char *unused_defense(const struct sg_run_params *p, const struct sg
     const bool of_tolerance = !strncmp(o->name, "tolerance-", 10);
     if (!is_in_group(o, "Defense") || t->defense.on || p->audit == SG_RUN_AUDIT_DEFEND ||
         sg_word_index("defense|audit|tolerance|smooth", o->name) >= 0 ||
-        (tolerates && of_tolerance) || (is_limited(p) && sg_word_index(ranking, o->name) >= 0))
+        (tolerates && of_tolerance) || (is_ranked(p) && sg_word_index(ranking, o->name) >= 0))
         return NULL;
     return of_tolerance ? "found without a defense, expected --defense spectral, --tolerance or "
                           "--audit defend with it"
@@ -104,22 +111,28 @@ static const char *unused_defense(const struct sg_run_params *p, const struct sg
 
 const char *sg_run_option_unused(const struct sg_run_params *p, const struct sg_option *o)
 {
+    static const char of_anchors[] = "filter-unit|filter-anchors|filter-anchor-hits|"
+                                     "filter-anchor-score|filter-grace",
+                      not_scaffold[] = "sh-degree|percent-dense|tolerance-low-pass",
+                      rates[] = "position-lr-init|position-lr-final|feature-lr|opacity-lr|"
+                                "scaling-lr|rotation-lr",
+                      not_mcmc[] = "absgrad|densify-grad-threshold|percent-dense|at-limit|"
+                                   "tolerance-growth|rho-least";
     const bool mip = p->train.model == SG_MODEL_MIP, mcmc = p->train.strategy == SG_STRATEGY_MCMC,
                scaffold = p->train.model == SG_MODEL_SCAFFOLD;
     if (!mip && (is_in_group(o, "Filters of --model mip") || !strcmp(o->name, "keep-filter")))
         return "found without effect, expected --model mip with it";
-    if (!scaffold && is_in_group(o, "Anchors of --model scaffold"))
+    if (!scaffold &&
+        (is_in_group(o, "Anchors of --model scaffold") || sg_word_index(of_anchors, o->name) >= 0))
         return "found without effect, expected --model scaffold with it";
     if (!mcmc && is_in_group(o, "Densification by --strategy mcmc"))
         return "found without effect, expected --strategy mcmc with it";
-    if (mcmc && sg_word_index("absgrad|densify-grad-threshold|percent-dense", o->name) >= 0)
+    if (mcmc && (sg_word_index(not_mcmc, o->name) >= 0 || !strncmp(o->name, "filter-", 7)))
         return "found without effect, expected another strategy than mcmc with it";
-    if (scaffold && sg_word_index("position-lr-init|position-lr-final|feature-lr|opacity-lr|"
-                                  "scaling-lr|rotation-lr",
-                                  o->name) >= 0)
+    if (scaffold && sg_word_index(rates, o->name) >= 0)
         return "found without effect, expected another model than scaffold, which has rates of its "
                "own";
-    if (scaffold && sg_word_index("sh-degree|percent-dense", o->name) >= 0)
+    if (scaffold && sg_word_index(not_scaffold, o->name) >= 0)
         return "found without effect, expected another model than scaffold";
     if (!p->train.exposure && !strncmp(o->name, "exposure-lr", 11))
         return "found without effect, expected --exposure with it";
