@@ -342,12 +342,14 @@ static void test_barriers(void **state)
 /* ---- runs ---- */
 
 static enum sg_train_model trained; /* by the runs */
+static enum sg_train_strategy strategy;
 
 static int train_run(sg_ctx *ctx, enum sg_run_start start)
 {
     sg_run *r = NULL;
     struct sg_run_params p = sg_run_params_default();
-    p.train.model = trained, p.train.scaffold.voxel = 0.05f, p.train.scaffold.from = 1;
+    p.train.model = trained, p.train.strategy = strategy, p.train.scaffold.voxel = 0.05f,
+    p.train.scaffold.from = 1;
     p.source = scene_path, p.folder = run_folder, p.save_every = 2, p.train.engine = device;
     p.train.iterations = 5, p.train.sh_degree = 0, p.train.densify_from_iter = 1;
     p.train.densification_interval = 2, p.train.densify_until_iter = 5;
@@ -453,13 +455,9 @@ static void test_loss(void **state)
 /* A submission that is refused, for lack of memory: the run ends early, with what it has, or goes
  * on without what nobody needs. No step is left out: what it ends with, or a run that is resumed,
  * has the bytes of one with memory. */
-static void test_refused(void **state)
+static void check_refused(sg_ctx *ctx)
 {
-    (void) state;
-    sg_ctx *ctx = make_context(1);
     char path[128];
-    share_device(false); /* it was lost */
-    share_device(true);
     assert_int_equal(train_run(ctx, SG_RUN_REPLACE), SG_OK);
     struct sg_model *expected = read_model(ctx, NULL);
     int ended = 0, whole = 0, none = 0;
@@ -494,6 +492,21 @@ static void test_refused(void **state)
     assert_true(ended > 2 && none > 2);
     sg_model_destroy(&expected);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+}
+
+/* Also of what is done between iterations: the 3D filter, and relocations. */
+static void test_refused(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    share_device(false); /* it was lost */
+    share_device(true);
+    check_refused(ctx);
+    trained = SG_MODEL_MIP;
+    check_refused(ctx);
+    trained = SG_MODEL_3DGS, strategy = SG_STRATEGY_MCMC;
+    check_refused(ctx);
+    strategy = SG_STRATEGY_DEFAULT;
     sg_ctx_destroy(&ctx);
 }
 

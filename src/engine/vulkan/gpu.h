@@ -96,6 +96,8 @@ void sg_gpu_close(struct gpu **gpu);
 int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes);
 /* The same of one that the host sees, which is made once. */
 int sg_gpu_window(struct gpu *g, struct gpu_buffer *b, uint64_t bytes);
+/* Submits what is recorded and waits for it. Nobody is told where that fails: who has recorded
+ * something flushes before. */
 void sg_gpu_release(struct gpu *g, struct gpu_buffer *b);
 
 /* Address of a buffer, or of one that nobody uses. */

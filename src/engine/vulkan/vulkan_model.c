@@ -191,6 +191,8 @@ int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *came
         code = GPU_RUN(g, mip_filter, 0, FOR_EACH(count), .depths = depths.address,
                        .filters = e->at[SG_C_FILTER].address, .count = (uint32_t) count,
                        .focal = focal, .pixels = (float) sqrt(filter->variance));
+    if (!code)
+        code = sg_gpu_flush(g);
     sg_gpu_release(g, &seen_from);
     sg_gpu_release(g, &depths);
     sg_free(exact);
@@ -263,6 +265,8 @@ int sg_vulkan_relocate(struct sg_engine *base, const struct sg_relocation *r)
     }
     if (!code)
         code = run_entries(e, &entries, first, r->count);
+    if (!code)
+        code = sg_gpu_flush(e->gpu);
     sg_gpu_release(e->gpu, &entries);
     sg_free(read);
     return code;

@@ -107,12 +107,15 @@ static int find_transform(struct vulkan_engine *e, const struct sg_anisotropy_pa
         if (t->used < oldest->used)
             oldest = t;
     }
+    int code = oldest->across.buffer ? sg_gpu_flush(e->gpu) : SG_OK;
+    if (code)
+        return code;
     clear_transform(e->gpu, oldest);
     const int w = sg_anisotropy_width(width, params->exact_size),
               h = sg_anisotropy_height(height, params->exact_size);
     oldest->w = (uint32_t) w, oldest->h = (uint32_t) h;
     oldest->columns = (uint32_t) sg_spectrum_columns(w, h, &params->band);
-    int code = put_plan(e, w, &oldest->across, &oldest->longest);
+    code = put_plan(e, w, &oldest->across, &oldest->longest);
     if (!code)
         code = put_plan(e, h, &oldest->down, &oldest->longest);
     if (!code)
