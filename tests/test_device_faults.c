@@ -343,6 +343,7 @@ static void test_barriers(void **state)
 
 static enum sg_train_model trained; /* by the runs */
 static enum sg_train_strategy strategy;
+static bool defended;
 
 static int train_run(sg_ctx *ctx, enum sg_run_start start)
 {
@@ -350,6 +351,8 @@ static int train_run(sg_ctx *ctx, enum sg_run_start start)
     struct sg_run_params p = sg_run_params_default();
     p.train.model = trained, p.train.strategy = strategy, p.train.scaffold.voxel = 0.05f,
     p.train.scaffold.from = 1;
+    p.train.defense.on = defended, p.train.defense.views = 1, p.train.defense.from = 1;
+    p.train.defense.interval = 2;
     p.source = scene_path, p.folder = run_folder, p.save_every = 2, p.train.engine = device;
     p.train.iterations = 5, p.train.sh_degree = 0, p.train.densify_from_iter = 1;
     p.train.densification_interval = 2, p.train.densify_until_iter = 5;
@@ -494,7 +497,8 @@ static void check_refused(sg_ctx *ctx)
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
 }
 
-/* Also of what is done between iterations: the 3D filter, and relocations. */
+/* Also of what is done between iterations: the 3D filter, relocations, and the hits of a view that
+ * the device has stopped at and begins again. */
 static void test_refused(void **state)
 {
     (void) state;
@@ -506,7 +510,9 @@ static void test_refused(void **state)
     check_refused(ctx);
     trained = SG_MODEL_3DGS, strategy = SG_STRATEGY_MCMC;
     check_refused(ctx);
-    strategy = SG_STRATEGY_DEFAULT;
+    strategy = SG_STRATEGY_DEFAULT, defended = true;
+    check_refused(ctx);
+    defended = false;
     sg_ctx_destroy(&ctx);
 }
 

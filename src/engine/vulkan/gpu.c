@@ -231,7 +231,7 @@ static int record(struct gpu *g)
         g->vk.CmdResetQueryPool(f->commands, f->timestamps, 0, GPU_MARKS);
     f->marks = 0;
     mark(g);
-    return SG_OK;
+    return g->goes_on ? sg_gpu_fill(g, &g->stop, 0, sizeof(uint32_t), 0) : SG_OK;
 }
 
 void sg_gpu_clock(struct gpu *g, double *sum)
@@ -379,6 +379,7 @@ int sg_gpu_submit(struct gpu *g)
     if (result)
         return fail_result(g, result, "submitting");
     f->busy = true;
+    g->goes_on = false;
     g->now = (g->now + 1) % g->depth;
     return g->depth > 1 ? SG_OK : retire(g, g->now);
 }
@@ -394,7 +395,8 @@ int sg_gpu_flush(struct gpu *g)
 int sg_gpu_go_on(struct gpu *g)
 {
     g->stopped = 0;
-    return sg_gpu_fill(g, &g->stop, 0, sizeof(uint32_t), 0);
+    g->goes_on = true; /* also after a submission that is refused */
+    return g->recording ? sg_gpu_fill(g, &g->stop, 0, sizeof(uint32_t), 0) : record(g);
 }
 
 int sg_gpu_write(struct gpu *g, const struct gpu_buffer *to, uint64_t offset, const void *from,

@@ -67,6 +67,7 @@ struct gpu {
     uint32_t depth;                         /* how many of them are used */
     uint32_t now;                           /* the one that is recorded next, or just now */
     bool recording, lost;
+    bool goes_on;                /* no submission has cleared `stop` yet since sg_gpu_go_on */
     double *clock;               /* of what is recorded next, or NULL */
     struct gpu_profile *profile; /* NULL, or in place of the clock; the benchmark's */
     struct gpu_buffer stop;      /* a word; 0: go on */
