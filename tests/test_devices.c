@@ -56,6 +56,7 @@ static void test_choice(void **state)
     assert_non_null(strstr(choose(ctx, list, 6, "old"), "Old lacks Vulkan 1.2"));
     assert_non_null(strstr(choose(ctx, list, 6, "6"), "no device \"6\" among 6"));
     assert_non_null(strstr(choose(ctx, list, 6, "radeon"), "no device \"radeon\" among 6"));
+    assert_non_null(strstr(choose(ctx, list, 6, ""), "no device \"\" among 6"));
     sg_ctx_destroy(&ctx);
 }
 

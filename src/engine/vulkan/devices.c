@@ -126,9 +126,10 @@ static int rank(const struct vk_device_choice *d)
                                                                : 1;
 }
 
+/* In any case. Nothing is part of no text. */
 static bool contains(const char *text, const char *part)
 {
-    for (; *text; text++)
+    for (; *text && *part; text++)
         if (!strncasecmp(text, part, strlen(part)))
             return true;
     return false;
