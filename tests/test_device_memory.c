@@ -254,15 +254,24 @@ static void test_default(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Kernels count floats in 32 bits: of a Gaussian its parameters, and at least its splat. */
+/* Indices of kernels are signed numbers of 32 bits: of a Gaussian's parameters, and at least its
+ * splat; of the maps of an image that is compared. */
 static void test_sizes(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    assert_int_equal(sg_vulkan_check_size(ctx, 268435000, 14), SG_OK);
-    assert_int_equal(sg_vulkan_check_size(ctx, 268435456, 14), SG_ERR_BUDGET);
-    assert_int_equal(sg_vulkan_check_size(ctx, 72796000, 59), SG_OK);
-    assert_int_equal(sg_vulkan_check_size(ctx, 72796056, 59), SG_ERR_BUDGET);
+    assert_int_equal(sg_vulkan_check_size(ctx, 134217000, 14), SG_OK);
+    assert_int_equal(sg_vulkan_check_size(ctx, 134217728, 14), SG_ERR_BUDGET);
+    assert_int_equal(sg_vulkan_check_size(ctx, 36398000, 59), SG_OK);
+    assert_int_equal(sg_vulkan_check_size(ctx, 36398028, 59), SG_ERR_BUDGET);
+    sg_clear_error(ctx);
+    struct sg_engine *e;
+    assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, &e), SG_OK);
+    vulkan_of(e)->width = vulkan_of(e)->height = SG_SIDE_MAX;
+    const struct sg_loss loss = {.kind = SG_LOSS_PHOTOMETRIC, .weight = 1};
+    assert_int_equal(sg_vulkan_loss(e, &(struct sg_target_pixels){0}, &loss), SG_ERR_BUDGET);
+    assert_non_null(strstr(sg_last_error(ctx), "at most 238609294 are supported"));
+    sg_engine_destroy(&e);
     sg_ctx_destroy(&ctx);
 }
 

@@ -100,7 +100,8 @@ struct vulkan_passing {
 };
 #define VK_PASSING 0x80000000u /* in the photo of a call: the number of such a room follows */
 
-#define VK_MAPS_BYTES (3 * 3 * 4)  /* of a pixel: three maps of SSIM of each channel */
+#define VK_MAPS (3 * 3) /* floats of a pixel: three maps of SSIM of each channel */
+#define VK_MAPS_BYTES (4 * VK_MAPS)
 #define VK_CALLS 16                /* of a step */
 #define VK_STEPS (GPU_FLIGHTS + 3) /* that are remembered */
 

@@ -196,9 +196,7 @@ int sg_gpu_lists_make(struct gpu *g, struct gpu_lists *l, const struct gpu_buffe
                       uint64_t max_instances, uint64_t each, uint64_t *longest)
 {
     const uint32_t tiles = l->grid_x * l->grid_y, n = l->count;
-    /* Kernels count the floats of the instances' slots in 32 bits. */
-    const uint64_t most = UINT32_MAX / VK_SLOT_ABSOLUTE;
-    const uint64_t limit = max_instances < most ? max_instances : most;
+    const uint64_t limit = max_instances < VK_MOST_INSTANCES ? max_instances : VK_MOST_INSTANCES;
     l->splats = splats;
     l->band = -1;
     l->band_count = 0;
@@ -227,6 +225,13 @@ int sg_gpu_lists_make(struct gpu *g, struct gpu_lists *l, const struct gpu_buffe
                : add_band(g->ctx, l, (struct gpu_band){0, tiles, l->capacity});
     return code;
 }
+
+/* Of the largest image. A unit has 4 floats for each of 256 pixels. */
+#define MOST_TILES ((SG_SIDE_MAX / 16) * (SG_SIDE_MAX / 16))
+_Static_assert((uint64_t) VK_MOST_INSTANCES *VK_SLOT_ABSOLUTE <= VK_MOST_INDEX &&
+                   ((uint64_t) VK_MOST_INSTANCES / VK_CHUNK + MOST_TILES) * 1024 - 1 <=
+                       VK_MOST_INDEX,
+               "places of slots and checkpoints");
 
 uint64_t sg_gpu_lists_units(const struct gpu_lists *l)
 {

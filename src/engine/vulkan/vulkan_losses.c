@@ -106,6 +106,10 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
     const float unit = 1 / (3 * (float) e->width * (float) e->height);
     const bool given = is_given(t);
     int code;
+    if (pixels > VK_MOST_INDEX / VK_MAPS)
+        return sg_fail(e->base.ctx, SG_ERR_BUDGET,
+                       "vulkan: found an image of %llu pixels, at most %d are supported",
+                       (unsigned long long) pixels, VK_MOST_INDEX / VK_MAPS);
     if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * values)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, VK_MAPS_BYTES * pixels)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 3 * 4 * groups)) ||

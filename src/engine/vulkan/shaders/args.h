@@ -56,7 +56,9 @@
 #define VK_WORK_UNITS 10 /* of the backward pass */
 #define VK_WORK_ALL 11   /* Gaussians: a number only, from the host */
 #define VK_WORKS 12
-#define VK_MOST_GROUPS 65535 /* of a dimension, on every device */
+#define VK_MOST_GROUPS 65535        /* of a dimension, on every device */
+#define VK_MOST_INDEX 0x7fffffff    /* of an array: SPIR-V takes indices for signed numbers */
+#define VK_MOST_INSTANCES (1 << 27) /* held at once: of slots, units and checkpoints */
 
 /* Bits of the specialisation constant WITHOUT: parts of a kernel that the benchmark leaves out. */
 #define VK_WITHOUT_COLOURS 1    /* project: spherical harmonics */
