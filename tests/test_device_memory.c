@@ -254,6 +254,41 @@ static void test_default(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* A view that has no memory, for its lists or for what goes with them, takes none of that of the
+ * views after it. */
+static void test_refused_view(void **state)
+{
+    (void) state;
+    static float image[3 * SIDE * SIDE];
+    const struct sg_camera few = make_camera(SIDE, SIDE, 60), many = make_camera(SIDE, SIDE, 3);
+    int refused = 0, whole = 0;
+    for (uint64_t limit = 5 << 20; whole < 3; limit += 200 << 10) {
+        sg_ctx *ctx;
+        sg_renderer *r;
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_vram = limit}), SG_OK);
+        struct sg_model *m = make_model(ctx, 3000, 0, 5);
+        for (size_t i = 0; i < m->count; i++)
+            for (int p = SG_P_SCALE; p < SG_P_ROT; p++)
+                *sg_model_at(m, i, p) = -0.5f;
+        if (!sg_renderer_create(ctx, main_engine(), NULL, m, NULL, &r) &&
+            !sg_render(r, &few, image, NULL, NULL, NULL)) {
+            const int code = sg_render(r, &many, image, NULL, NULL, NULL);
+            assert_true(code == SG_OK || code == SG_ERR_BUDGET);
+            refused += code != SG_OK, whole += code == SG_OK;
+            if (sg_render(r, &few, image, NULL, NULL, NULL))
+                fail_msg("limit %llu, second view %s: %s", (unsigned long long) limit,
+                         code ? "refused" : "drawn", sg_last_error(ctx));
+        }
+        sg_renderer_destroy(&r);
+        sg_model_destroy(&m);
+        assert_nothing_held(ctx, "limit", limit);
+        sg_ctx_destroy(&ctx);
+    }
+    printf("second view: refused at %d limits\n", refused);
+    assert_true(refused > 2);
+}
+
 /* Indices of kernels are signed numbers of 32 bits: of a Gaussian's parameters, and at least its
  * splat; of the maps of an image that is compared. */
 static void test_sizes(void **state)
@@ -285,7 +320,7 @@ int main(void)
         cmocka_unit_test(test_sizes),          cmocka_unit_test(test_default),
         cmocka_unit_test(test_driver_limits),  cmocka_unit_test(test_limits),
         cmocka_unit_test(test_variant_limits), cmocka_unit_test(test_anchor_limits),
-        cmocka_unit_test(test_host),
+        cmocka_unit_test(test_host),           cmocka_unit_test(test_refused_view),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -100,6 +100,14 @@ int sg_vulkan_bin(struct vulkan_engine *e)
     return code || l->band_count > 1 ? code : sg_gpu_lists_band(e->gpu, l, 0);
 }
 
+/* Room for what goes with the instances of a band. */
+static int reserve_instances(struct vulkan_engine *e, struct gpu_buffer *b, uint64_t bytes)
+{
+    const int code = sg_gpu_reserve(e->gpu, SG_MEM_INSTANCES, b, bytes);
+    e->lists.starved |= code < 0;
+    return code;
+}
+
 /* Draws the present band. results: where its pairs are counted. */
 static int raster_band(struct vulkan_engine *e, bool auxiliary, VkDeviceAddress results)
 {
@@ -108,11 +116,9 @@ static int raster_band(struct vulkan_engine *e, bool auxiliary, VkDeviceAddress 
     const struct gpu_band *band = &l->bands[l->band];
     const uint32_t tiles = band->end - band->first;
     int code;
-    if ((code =
-             sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->units, 4 * VK_UNIT * sg_gpu_lists_units(l))) ||
-        (code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->reached, 4 * (uint64_t) tiles)) ||
-        (code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->checkpoints,
-                               16 * 256 * sg_gpu_lists_units(l))))
+    if ((code = reserve_instances(e, &e->units, 4 * VK_UNIT * sg_gpu_lists_units(l))) ||
+        (code = reserve_instances(e, &e->reached, 4 * (uint64_t) tiles)) ||
+        (code = reserve_instances(e, &e->checkpoints, 16 * 256 * sg_gpu_lists_units(l))))
         return code;
     return GPU_RUN_WORK(
         g, raster, 0, &l->work, VK_WORK_TILES, .splats = e->splats.address,
@@ -184,7 +190,7 @@ int sg_vulkan_raster_backward(struct vulkan_engine *e)
         const struct gpu_band *b = &l->bands[band];
         code = sg_gpu_lists_band(g, l, band);
         if (!code)
-            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * width * l->capacity);
+            code = reserve_instances(e, &e->slots, 4 * width * l->capacity);
         if (!code && banded) /* its states are not at hand any more: draw it again, uncounted */
             code = raster_band(e, false, g->none.address);
         if (!code)
@@ -327,7 +333,7 @@ static int count_view(struct vulkan_engine *e, enum sg_hit kind)
         const struct gpu_band *b = &l->bands[band];
         code = sg_gpu_lists_band(g, l, band);
         if (!code)
-            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * l->capacity);
+            code = reserve_instances(e, &e->slots, 4 * l->capacity);
         if (!code)
             code = GPU_RUN_WORK(g, raster_count, 0, &l->work, VK_WORK_TILES,
                                 .splats = e->splats.address, .instances = l->instances.address,

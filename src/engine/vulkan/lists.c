@@ -200,6 +200,8 @@ int sg_gpu_lists_make(struct gpu *g, struct gpu_lists *l, const struct gpu_buffe
     l->splats = splats;
     l->band = -1;
     l->band_count = 0;
+    l->capacity = l->starved ? 0 : l->capacity;
+    l->starved = false;
     int code;
     if ((code = words(g, &l->counts, (uint64_t) n + 1)) ||
         (code = words(g, &l->places, (uint64_t) n + 1)))
@@ -257,7 +259,7 @@ int sg_gpu_lists_band(struct gpu *g, struct gpu_lists *l, int band)
         (code = words(g, &l->tile_start, (uint64_t) tiles + 1)) ||
         (code = words(g, &l->chunks, tiles)) ||
         (code = words(g, &l->chunk_start, (uint64_t) tiles + 1))) {
-        l->capacity = code < 0 ? 0 : m; /* no room for so many */
+        l->starved |= code < 0;
         return code;
     }
     if (l->band_count > 1)
@@ -298,6 +300,7 @@ int sg_gpu_lists_band(struct gpu *g, struct gpu_lists *l, int band)
         code = size(g, l, VK_SIZE_UNITS, l->chunk_start.address + 4 * (uint64_t) tiles, tiles);
     if (!code)
         l->band = band;
+    l->starved |= code < 0;
     return code;
 }
 

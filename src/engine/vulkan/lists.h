@@ -28,6 +28,7 @@ struct gpu_lists {
     /* Instances that there is room for. More of them stop the device. */
     uint64_t capacity;
     bool known;             /* the next view's number of instances is waited for */
+    bool starved;           /* there was no memory for so many: the next view counts anew */
     struct gpu_buffer most; /* two words: the largest number of instances of views learned from */
     /* of the present band */
     int band; /* -1: none */
