@@ -475,6 +475,43 @@ static void test_subgroup(void **state)
     assert_int_equal(g->lanes, g->chosen.lanes);
 }
 
+/* ---- kernels ---- */
+
+/* Of SPIR-V. */
+#define HEADER_WORDS 5
+enum { OP_DECORATE = 71, OP_ADD = 129, OP_SUBTRACT = 131, OP_MULTIPLY = 133, NO_CONTRACTION = 42 };
+
+static bool contracts(const struct gpu_code *code, uint32_t result)
+{
+    for (size_t at = HEADER_WORDS; at < code->bytes / 4; at += code->words[at] >> 16) {
+        const uint32_t *op = code->words + at;
+        if ((op[0] & 0xffff) == OP_DECORATE && op[1] == result && op[2] == NO_CONTRACTION)
+            return false;
+    }
+    return true;
+}
+
+/* What counts tiles and what emits them round alike: no driver may make one operation of two. */
+static void test_rounding(void **state)
+{
+    (void) state;
+    static const enum gpu_kernel kernels[] = {GPU_count, GPU_tile_totals, GPU_emit};
+    for (size_t k = 0; k < sizeof(kernels) / sizeof(kernels[0]); k++) {
+        const struct gpu_code *code = &sg_vulkan_code[kernels[k]];
+        int found = 0;
+        for (size_t at = HEADER_WORDS; at < code->bytes / 4; at += code->words[at] >> 16) {
+            const uint32_t *op = code->words + at, kind = op[0] & 0xffff;
+            if (kind != OP_ADD && kind != OP_SUBTRACT && kind != OP_MULTIPLY)
+                continue;
+            found++;
+            if (contracts(code, op[2]))
+                fail_msg("kernel %d: operation %d of floats may be contracted", (int) kernels[k],
+                         found);
+        }
+        assert_true(found > 10);
+    }
+}
+
 /* The engine that this suite is for passes; a device that is lost during the trial does not. */
 static void test_tried_engine(void **state)
 {
@@ -502,6 +539,7 @@ int main(void)
         cmocka_unit_test(test_loaders),  cmocka_unit_test(test_auto),
         cmocka_unit_test(test_trial),    cmocka_unit_test(test_gives_way),
         cmocka_unit_test(test_subgroup), cmocka_unit_test(test_tried_engine),
+        cmocka_unit_test(test_rounding),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -46,9 +46,12 @@ SG_FN STRUCT(row_span) ellipse_row_span(STRUCT(ellipse) e, real y0, real y1)
 {
     const real ya = r_min(r_max(e.yright, y0), y1), yb = r_min(r_max(-e.yright, y0), y1);
     const real zero = r_set(0);
+    PRECISE const real left_a = e.reach - ya * ya * e.taper;
+    PRECISE const real left_b = e.reach - yb * yb * e.taper;
+    PRECISE const real x0 = e.slope * yb - r_root(r_max(left_b, zero));
+    PRECISE const real x1 = e.slope * ya + r_root(r_max(left_a, zero));
     STRUCT(row_span) o;
-    o.x1 = e.slope * ya + r_root(r_max(e.reach - ya * ya * e.taper, zero));
-    o.x0 = e.slope * yb - r_root(r_max(e.reach - yb * yb * e.taper, zero));
+    o.x0 = x0, o.x1 = x1;
     o.hit = r_and(r_le(y0, e.ymax), r_le(-e.ymax, y1));
     return o;
 }

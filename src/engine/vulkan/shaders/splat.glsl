@@ -38,7 +38,8 @@ ellipse ellipse_load(Floats splats, uint i)
 }
 
 /* First and end tile of row ty that a splat touches, within its rectangle. Counting and emitting
- * share it; `precise` keeps a compiler from rounding it differently in one of them. */
+ * share it; `precise`, here and in the functions that it calls, which it does not reach from here,
+ * keeps a compiler from rounding it differently in one of them. */
 uvec2 row_tiles(ellipse e, float x, float y, rect r, uint ty, bool reference_tiles)
 {
     if (reference_tiles)
