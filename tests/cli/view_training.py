@@ -9,13 +9,7 @@ import time
 import urllib.error
 import urllib.request
 
-what, anchors = sys.argv[2], "--anchors" in sys.argv
-end = time.monotonic() + 60
-while not os.path.exists(sys.argv[1]) or not os.path.getsize(sys.argv[1]):
-    assert time.monotonic() < end, "no address"
-    time.sleep(0.01)
-with open(sys.argv[1]) as file:
-    address = file.read().strip()
+path, what, anchors = sys.argv[1], sys.argv[2], "--anchors" in sys.argv
 
 
 def get(name, post=False):
@@ -46,6 +40,9 @@ def picture(kind, view):
     return get("picture?kind=%d&view=%d&scale=1&still=1&%s" % (kind, view, pose))
 
 
+until(lambda: os.path.exists(path) and os.path.getsize(path), "no address")
+with open(path) as file:
+    address = file.read().strip()
 get("pause", post=True)
 until(lambda: state()["paused"], "it does not pause")
 scene = json.loads(get("scene"))
