@@ -36,9 +36,8 @@ static const struct sg_option bench_options[] = {
     TEXT_ROW(
         "shard", B(shard), "I/N",
         "Only the I-th of N parts of the plan, from 1; cells of one poison are in the same part."),
-    NUMBER_ROW("slurm", SG_OPTION_INT, B(slurm), 0, 10000, "N",
-               "Only print a script for sbatch that runs the plan as an array of N jobs.",
-               .nonzero = true),
+    NUMBER_ROW("slurm", SG_OPTION_INT, B(slurm), 1, 10000, "N",
+               "Only print a script for sbatch that runs the plan as an array of N jobs."),
     FLAG_ROW("retry", B(retry), "Run again what failed, crashed or took too long."),
     FLAG_ROW("keep", B(keep), "Keep the checkpoints of runs that are done."),
     FLAG_ROW("list", B(list), "Only print the jobs of the plan."),

@@ -87,11 +87,8 @@ static int run_convert(const void *config, const bool *given, const char *const 
             out);
         return STATUS_USAGE;
     }
-    if (c->file.format == SG_MODEL_KSPLAT) {
-        say(stderr, "splatguard convert: %s: found format %s, which is only read\n", out,
-            sg_model_format_name(c->file.format));
+    if (check_written(&command_convert, out, c->file.format))
         return STATUS_USAGE;
-    }
     if (options_given(&command_convert, given, M(file.spz_version)) &&
         c->file.format != SG_MODEL_SPZ) {
         say(stderr,

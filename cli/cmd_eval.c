@@ -76,12 +76,12 @@ static int refuse(const char *found, const char *expected)
  */
 static int read_exposures(struct model_views *v, const char *run, int iteration)
 {
-    char asked[PATH_MAX], newest[PATH_MAX];
+    char file[PATH_MAX], asked[PATH_MAX], newest[PATH_MAX];
     const size_t n = v->scene->n_train;
     if (!is_folder(run))
         return refuse("the file of a model", "a run's folder");
-    snprintf(newest, sizeof(newest), "%s/exposure.json", run);
-    if (access(newest, F_OK))
+    snprintf(file, sizeof(file), "%s/exposure.json", run);
+    if (access(file, F_OK))
         return refuse("a run that has learned none", "one of train --exposure");
     int error = sg_run_find_model(v->ctx, run, iteration, asked, sizeof(asked));
     if (!error)

@@ -83,13 +83,8 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path, const ch
     file.format = sg_model_format_of(c->output);
     if (file.format == SG_MODEL_AUTO)
         file.format = SG_MODEL_PLY;
-    if (file.format == SG_MODEL_KSPLAT) {
-        say(stderr,
-            "splatguard prune: --output: found %s, expected another format: .ksplat is "
-            "only read\n",
-            c->output);
+    if (check_written(&command_prune, c->output, file.format))
         return STATUS_USAGE;
-    }
     interrupt_catch();
     int error = sg_output_check_file(ctx, c->output);
     if (!error)

@@ -47,6 +47,9 @@ int missing(const struct command *c, const char *what);
 /* --iteration belongs to runs. Returns an exit code. */
 int check_iteration(const struct command *c, const char *model, int iteration);
 
+/* Refuses to write a model in a format that is only read. Returns an exit code. */
+int check_written(const struct command *c, const char *out, enum sg_model_format format);
+
 /* Says that the command itself could not allocate something small; returns the exit code 3. */
 int no_memory(void);
 

@@ -100,3 +100,12 @@ int check_iteration(const struct command *c, const char *model, int iteration)
         c->name, model);
     return STATUS_USAGE;
 }
+
+int check_written(const struct command *c, const char *out, enum sg_model_format format)
+{
+    if (format != SG_MODEL_KSPLAT)
+        return STATUS_DONE;
+    say(stderr, "splatguard %s: %s: found format %s, which is only read\n", c->name, out,
+        sg_model_format_name(format));
+    return STATUS_USAGE;
+}

@@ -203,7 +203,7 @@ grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shar
 for i in 1 2; do [ "$("$tool" bench plan.json --list --shard $i/2 | grep -c train)" -ge 2 ] || fail "part $i of 2 has less than half"; done
 expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
 expect 1 bench plan.json -o x.db --shard 1/3 --slurm 2; says 'exclude each other'
-expect 1 bench plan.json -o x.db --slurm 0; says 'slurm: found "0"'
+expect 1 bench plan.json -o x.db --slurm 0; says 'slurm: found "0", expected a whole number from 1 to 10000'
 expect 1 bench plan.json -o x.db --max-memory 1G; says 'found a plan without'
 expect 0 bench plan.json -o "it's.db" --slurm 2
 grep -qF "'it'\\''s.db'" out && sh -n out || fail "a quote in a name breaks the script: $(cat out)"
