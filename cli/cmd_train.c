@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <limits.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "commands.h"
 #include "interrupt.h"
@@ -179,6 +181,14 @@ static void say_end(const struct train_config *c, const struct sg_run_status *s,
             (unsigned long long) s->limits.steps, s->iteration);
 }
 
+/* A run that found no room for its first checkpoint has none. */
+static bool has_checkpoint(const char *folder)
+{
+    char path[PATH_MAX];
+    snprintf(path, sizeof(path), "%s/checkpoint.bin", folder);
+    return !access(path, F_OK);
+}
+
 static int train(sg_ctx *ctx, struct train_config *c, struct train_view *view)
 {
     sg_run *run;
@@ -194,7 +204,8 @@ static int train(sg_ctx *ctx, struct train_config *c, struct train_view *view)
     if (error) {
         const int code = report_option(ctx, &command_train, error);
         if (start == SG_RUN_NEW && strstr(sg_last_error(ctx), "found an earlier run"))
-            say(stderr, "--resume continues it, --force replaces it\n");
+            say(stderr, "%s--force replaces it\n",
+                has_checkpoint(c->run.folder) ? "--resume continues it, " : "");
         if (c->unnamed)
             say_moved(c->run.source);
         return code;

@@ -147,6 +147,9 @@ expect 0 info $model --json; grep -q '"nonfinite": 0' out || fail "$(cat out)"
 
 # An earlier run is never overwritten by accident; --force removes what it left.
 expect 2 train scene/blender -o run $short; says 'found an earlier run'; says '--resume continues it'
+mv run/checkpoint.bin . # as where the disk was full
+expect 2 train scene/blender -o run $short; says '--force replaces it'; ! grep -q resume err || fail "what cannot be resumed"
+mv checkpoint.bin run
 expect 0 train scene/colmap -o run --force --eval --iterations 20 --quiet
 [ "$(ls run/point_cloud)" = iteration_20 ] || fail "--force left $(ls run/point_cloud)"
 [ "$(grep -c '"loss"' run/log.jsonl)" = 2 ] || fail "--force left the log"
