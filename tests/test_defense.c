@@ -355,8 +355,10 @@ static void test_automatic_tolerance(void **state)
     sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, weights, tolerances, &p);
     assert_true((double) tolerances[0] == SG_TOLERANCE_MAX);
     /* Photos that are changed by more than that oscillate more than a bounded poison makes them. */
-    images[0].features.half_osc = images[1].features.half_osc = 20;
-    for (int fixed = 0; fixed < 2; fixed++) {
+    for (int k = 0; k < 4; k++) {
+        const bool fixed = k & 1;
+        images[0].features.half_osc = images[1].features.half_osc = k < 2 ? 20 : 17;
+        images[0].features.quarter_osc = images[1].features.quarter_osc = k < 2 ? 9 : 11;
         sg_defense_automatic(&audit, 5.2, fixed ? 20 : (double) SG_TOLERANCE_AUTO, weights,
                              tolerances, &p);
         assert_true(tolerances[0] == 0 && tolerances[1] == 0);
@@ -367,6 +369,9 @@ static void test_automatic_tolerance(void **state)
         assert_float_equal(p.lambda * (double) weights[0], 24, 1e-5);
         assert_float_equal(p.rho, fixed ? -(0.2 / 3 + 0.35 * 2 / 3) : -(0.1 + 0.35 * 2 / 3), 1e-12);
     }
+    images[0].features.quarter_osc = images[1].features.quarter_osc = 9;
+    sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, weights, tolerances, &p);
+    assert_true((double) tolerances[0] == SG_TOLERANCE_MAX && tolerances[1] > 0);
 }
 
 /* Another way to compute the expected model. */

@@ -13,10 +13,10 @@
  * times. The texture of a scene contributes to the first, not to the second, and stays below the
  * third. */
 static const double strong = 2.3, loud = 1.8, coarse = 7;
-/* The oscillation at half the size of photos that are changed by more than SG_TOLERANCE_MAX, which
- * the audit's amplitudes do not tell: they end there. A bounded poison has a third of its bound
- * there at most, and the texture's. */
-static const double beyond = 18;
+/* The oscillation at half and a quarter of the size of photos that are changed by more than
+ * SG_TOLERANCE_MAX, which the audit's amplitudes do not tell: they end there. A bounded poison has
+ * a third and a fifth of its bound there at most, and the texture's. */
+static const double half_beyond = 18, quarter_beyond = 10;
 
 static double oscillation_of(const struct sg_audit_image *image)
 {
@@ -48,11 +48,13 @@ void sg_defense_tolerances(const struct sg_audit *audit, float *tolerances)
 static bool is_beyond(const struct sg_audit *audit, float *room)
 {
     size_t n = 0;
-    for (size_t i = 0; i < audit->count; i++)
+    for (size_t i = 0; i < audit->count; i++) {
+        const struct sg_audit_features *f = &audit->images[i].features;
         if (audit->images[i].tau > 0)
-            room[n++] = (float) audit->images[i].features.half_osc;
+            room[n++] = (float) fmax(f->half_osc / half_beyond, f->quarter_osc / quarter_beyond);
+    }
     qsort(room, n, sizeof(*room), sg_float_descending);
-    return n > 0 && (double) room[n / 2] > beyond;
+    return n > 0 && room[n / 2] > 1;
 }
 
 double sg_defense_frequency(double extent)
