@@ -64,8 +64,10 @@ double sg_defense_frequency(double extent)
     return fmin(fmax(8 * 5.2 / (extent > 0 ? extent : 1), 1e-9), 1e9);
 }
 
-/* Certain photos form a set of their own, which counts in full from a twentieth of the votes on.
- * Its strength is the best mean of the strongest n, so that weaker photos cannot dilute it. */
+/* Certain photos form a set of their own, which counts in full where it has one for every twenty
+ * votes of all. Its strength is the best mean of the strongest n, so that weaker photos cannot
+ * dilute it. parts: the strength of each times its vote, so that one with little content is weak
+ * here too. */
 static double strength_of_few(float *parts, size_t n, double votes)
 {
     double sum = 0, most = 0;
