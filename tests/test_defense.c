@@ -470,8 +470,19 @@ static void test_shares(void **state)
         struct sg_train_step s;
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);
         assert_int_equal(isnan(s.defense.anisotropy) != 0, own[s.view] == 0);
+        assert_int_equal(isnan(s.defense.total_variation) != 0, own[s.view] == 0);
     }
     sg_trainer_destroy(&t);
+    p.tolerance = 8; /* brings a total variation of its own */
+    t = begin_training(&f, &p);
+    for (int it = 1; it <= VIEWS; it++) {
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_int_equal(isnan(s.defense.anisotropy) != 0, own[s.view] == 0);
+        assert_true(s.defense.total_variation > 0);
+    }
+    sg_trainer_destroy(&t);
+    p.tolerance = 0;
     for (int k = 0; k < 2; k++) {
         own[1] = k ? NAN : 1001;
         assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);

@@ -133,8 +133,8 @@ SG_API void sg_defense_tolerances(const struct sg_audit *audit, float *tolerance
 
 /* What the defense did in one iteration. */
 struct sg_defense_step {
-    /* L_ani and L_tv of the render; NAN if its weight is 0, since it is not measured then; 0
-     * without a defense. */
+    /* L_ani and L_tv of the render; NAN where the loss has no such term, since it is not measured
+     * then; 0 without a defense. The total variation that belongs to a tolerance counts. */
     double anisotropy, total_variation;
     bool filtered;                  /* the filter ran */
     double rho;                     /* the share to remove */
