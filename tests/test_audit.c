@@ -304,6 +304,12 @@ static void test_amplitude(void **state)
         before = a->images[0].tau;
         sg_audit_destroy(&a);
     }
+    /* A clean set has none, also where a photo of it does. */
+    struct sg_audit *a = audit(ctx, (double[]){8, 0, 0, 0, 0, 0}, 6, false);
+    assert_int_equal(a->images[0].verdict, SG_AUDIT_SUSPICIOUS);
+    assert_true(a->images[0].tau > 0);
+    assert_true(a->verdict == SG_AUDIT_CLEAN && a->tau == 0 && a->tau_error == 0);
+    sg_audit_destroy(&a);
     sg_ctx_destroy(&ctx);
 }
 

@@ -73,7 +73,7 @@ struct sg_audit {
     size_t count;
     struct sg_audit_image *images; /* one per training view, in their order */
     double score;                  /* of the set */
-    /* Median over the photos that are not clean, and its standard error; 0 if there are none. */
+    /* Median over the photos that are not clean, and its standard error; 0 if the set is clean. */
     double tau, tau_error;
     enum sg_audit_verdict verdict;
     size_t verdicts[SG_AUDIT_VERDICTS]; /* number of images with each verdict */
