@@ -35,8 +35,11 @@ static int each_line(sg_ctx *ctx, FILE *in, const char *path, sg_run_log_take ta
     char *line = sg_alloc_raw(ctx, SG_MEM_MISC, LINE_BYTES, 1);
     for (long n; line && (n = next_line(in, line)) >= 0;) {
         json_t *value = json_loadb(line, (size_t) n, 0, NULL);
-        if (value && take(arg, value) && kept)
-            fwrite(line, 1, (size_t) n, kept); /* errors are reported at the end */
+        if (value && take(arg, value) && kept) { /* errors are reported at the end */
+            fwrite(line, 1, (size_t) n, kept);
+            if (line[n - 1] != '\n') /* the last one of a file that was cut off there */
+                fputc('\n', kept);
+        }
         json_decref(value);
     }
     sg_free(line);

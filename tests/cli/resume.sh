@@ -90,12 +90,12 @@ small_scene
 expect 0 train scene/blender -o run $short --init-points 400 --save-every $half --defense spectral --rho -1
 touch run/checkpoint.bin.tmp999 run/point_cloud/iteration_$half/point_cloud.ply.tmp999
 head -c 300000 /dev/zero | tr '\0' x >>run/log.jsonl
-printf '\na\0b\n{"iteration":1,"kept":true}\n' >>run/log.jsonl
+printf '\na\0b\n{"iteration":1,"kept":true}' >>run/log.jsonl # cut off before the end of the line
 mkdir elsewhere && touch elsewhere/thesis.tmp1 && ln -s ../../elsewhere run/point_cloud/iteration_7
 expect 0 train --resume run --iterations $((end + 10)) -q --rho -1 --preset auto --filter-frequency 0
 find run -name '*.tmp*' | grep -q . && fail "leftovers: $(find run -name '*.tmp*')"
 [ "$(grep -cv '^{.*}$' run/log.jsonl)" = 0 ] || fail "the log has other lines"
-grep -q '"kept":true' run/log.jsonl || fail "a good line is lost"
+grep -q '"kept":true}$' run/log.jsonl || fail "a good line is lost, or has others in it"
 [ -e elsewhere/thesis.tmp1 ] || fail "a link leads out of the run's folder"
 # A finished run is left alone: a tighter limit would only thin its model out.
 before=$(cat run/point_cloud/*/* run/summary.json run/checkpoint.bin | cksum)
