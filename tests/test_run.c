@@ -142,6 +142,29 @@ static void test_resume(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* config.json keeps 15 digits of a double: a run that began with more can be continued all the
+ * same. */
+static void test_resume_with_all_digits(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = new_context();
+    char *folder = at("digits");
+    int stop = 11;
+    struct sg_run_status s;
+    struct sg_run_params p = short_run(folder), back;
+    p.scene.downscale = 1 + 1.0 / 3;
+    p.train.defense.on = true;
+    p.train.defense.rho = 1.0 / 30, p.train.defense.lambda = 1.0 / 3;
+    p.train.defense.frequency = 10.0 / 3;
+    p.step = stop_at, p.step_priv = &stop;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
+    assert_int_equal(sg_run_read_params(ctx, folder, &back), SG_OK);
+    assert_int_equal(train(ctx, &back, SG_RUN_RESUME, &s), SG_OK);
+    assert_int_equal(s.saved, 24);
+    sg_run_params_clear(&back);
+    sg_ctx_destroy(&ctx);
+}
+
 /* Cancels once, where a stage has done so much. */
 struct cancel {
     enum sg_stage stage;
@@ -385,13 +408,10 @@ static void test_full_disk(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_resume),
-        cmocka_unit_test(test_folders),
-        cmocka_unit_test(test_cancelled_evaluation),
-        cmocka_unit_test(test_cancelled_count),
-        cmocka_unit_test(test_checks),
-        cmocka_unit_test(test_attack),
-        cmocka_unit_test(test_exposure_keys),
+        cmocka_unit_test(test_resume),          cmocka_unit_test(test_resume_with_all_digits),
+        cmocka_unit_test(test_folders),         cmocka_unit_test(test_cancelled_evaluation),
+        cmocka_unit_test(test_cancelled_count), cmocka_unit_test(test_checks),
+        cmocka_unit_test(test_attack),          cmocka_unit_test(test_exposure_keys),
         cmocka_unit_test(test_full_disk),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -69,8 +69,8 @@ SG_API const struct sg_option *sg_option_find(const struct sg_option *options, c
 SG_API bool sg_option_set(const struct sg_option *option, void *params, const char *text,
                           char *expected, size_t size);
 
-/* The field as text that sg_option_set reads back to the same value. Returns false, and leaves an
- * empty text, for a text field that is NULL. */
+/* The field as text that sg_option_set reads back to the same value, but for doubles, of which both
+ * keep 15 digits. Returns false, and leaves an empty text, for a text field that is NULL. */
 SG_API bool sg_option_get(const struct sg_option *option, const void *params, char *text,
                           size_t size);
 

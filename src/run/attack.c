@@ -399,8 +399,10 @@ int sg_attack_run(sg_ctx *ctx, const struct sg_attack_run_params *p, enum sg_run
 {
     sg_clear_error(ctx);
     struct sg_attack_run_status own;
+    struct sg_attack_run_params rounded = *p;
+    sg_config_round(sg_attack_run_config, &rounded);
     struct attack_run r = {.ctx = ctx,
-                           .params = p,
+                           .params = &rounded,
                            .resume = start == SG_RUN_RESUME,
                            .status = status ? status : &own};
     *r.status = (struct sg_attack_run_status){0};

@@ -39,6 +39,16 @@ static bool is_whole(const struct sg_option *o)
     return o->type == SG_OPTION_INT || o->type == SG_OPTION_U64 || o->type == SG_OPTION_BYTES;
 }
 
+void sg_config_round(const struct sg_config_part *parts, void *params)
+{
+    for (const struct sg_config_part *p = parts; p->rows; p++)
+        for (const struct sg_option *o = p->rows(); o->name; o++)
+            if (o->type == SG_OPTION_DOUBLE || o->type == SG_OPTION_TIME) {
+                double *value = (double *) (void *) ((char *) params + p->at + o->offset);
+                *value = sg_round_digits(*value);
+            }
+}
+
 static json_t *value_json(const struct sg_option *o, const void *params)
 {
     const void *value = (const char *) params + o->offset;

@@ -18,6 +18,9 @@ struct sg_config_part {
 /* End with NULL rows. */
 extern const struct sg_config_part sg_run_config[], sg_attack_run_config[];
 
+/* Rounds doubles to what JSON files keep of them, so that what is resumed has the same numbers. */
+void sg_config_round(const struct sg_config_part *parts, void *params);
+
 /* All lasting options; the caller owns the object. NULL without memory. */
 json_t *sg_config_to_json(const struct sg_config_part *parts, const void *params);
 

@@ -7,6 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "config.h"
 #include "core/clock.h"
 #include "core/file.h"
 #include "scene/used.h"
@@ -457,6 +458,7 @@ int sg_run_open_in(sg_ctx *ctx, const struct sg_run_params *params, enum sg_run_
         return SG_ERR_BUDGET;
     *r = (sg_run){
         .ctx = ctx, .params = *params, .resume = start == SG_RUN_RESUME, .begun = sg_seconds()};
+    sg_config_round(sg_run_config, &r->params);
     const struct sg_output_rules rules = {.maker = "train",
                                           .earlier = "run",
                                           .is_own = sg_run_is_run,
