@@ -200,6 +200,8 @@ static void bad_parameters_are_refused(void **state)
             assert_non_null(strstr(sg_last_error(f->ctx), "expected"));
             assert_false(sg_dir_exists(dir));
         }
+    assert_int_equal(sg_synth_write(f->ctx, "", &tiny), SG_ERR_USAGE); /* not the root */
+    assert_non_null(strstr(sg_last_error(f->ctx), "found an empty path"));
 }
 
 static void other_folders_stay_untouched(void **state)

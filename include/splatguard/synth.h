@@ -24,8 +24,8 @@ struct sg_synth_params {
 SG_API struct sg_synth_params sg_synth_params_default(void);
 
 /* Writes DIR/blender and DIR/colmap. DIR is new or empty. params may be NULL. Errors:
- * SG_ERR_USAGE for values out of range, SG_ERR_INPUT if the folder is not empty or cannot be
- * written to, SG_ERR_BUDGET. */
+ * SG_ERR_USAGE for values out of range and an empty path, SG_ERR_INPUT if the folder is not empty
+ * or cannot be written to, SG_ERR_BUDGET. */
 SG_API int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *params);
 
 #ifdef __cplusplus

@@ -40,6 +40,8 @@ struct synth {
 
 static int check_empty(sg_ctx *ctx, const char *dir)
 {
+    if (!*dir) /* its files would be in the root */
+        return sg_fail(ctx, SG_ERR_USAGE, "found an empty path, expected that of a folder");
     DIR *d = opendir(dir);
     if (!d)
         return errno == ENOENT
