@@ -4,6 +4,8 @@
 #include "splatguard/spectrum.h"
 
 #include <complex.h>
+#include <limits.h>
+#include <unistd.h>
 
 #include "models.h"
 #include "nearness.h"
@@ -471,13 +473,55 @@ static void test_sides(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* What is beyond an image is not read. */
+static void test_crops(void **state)
+{
+    (void) state;
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, NULL), SG_OK);
+    enum { W = 12, H = 8 };
+    uint8_t rgb[W * H * 3];
+    float amplitude[W * H];
+    struct sg_spectrum_image image[2] = {
+        {.title = "A", .picture = {W, H, rgb}, .amplitude = amplitude},
+        {.title = "B", .picture = {W - 1, H, rgb}, .amplitude = amplitude}};
+    for (int i = 0; i < W * H * 3; i++)
+        rgb[i] = (uint8_t) (i * i);
+    assert_int_equal(sg_spectrum_measure(ctx, rgb, W, H, NULL, &image[0].spectrum, amplitude),
+                     SG_OK);
+    image[1].spectrum = image[0].spectrum;
+    char path[] = "/tmp/sg_spectrum_XXXXXX";
+    close(mkstemp(path));
+    unlink(path);
+    static const struct sg_spectrum_crop inside = {0, 0, W, H},
+                                         outside[] = {{-1, 0, 2, 2},      {0, -1, 2, 2},
+                                                      {W - 1, 0, 2, 2},   {0, H - 1, 2, 2},
+                                                      {0, 0, W + 1, 2},   {0, 0, 2, H + 1},
+                                                      {0, 0, -2, 2},      {0, 0, 2, 0},
+                                                      {INT_MAX, 0, 2, 2}, {0, 0, INT_MAX, 2}};
+    for (size_t i = 0; i < sizeof(outside) / sizeof(outside[0]); i++) {
+        assert_int_equal(sg_spectrum_write_picture(ctx, path, image, 1, 1, &outside[i]),
+                         SG_ERR_USAGE);
+        assert_int_equal(access(path, F_OK), -1);
+    }
+    assert_int_equal(sg_spectrum_write_picture(ctx, path, image, 2, 1, &inside), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(ctx), "within the 11 x 8 of image 1"));
+    assert_int_equal(access(path, F_OK), -1);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_known),        cmocka_unit_test(test_whole),
-        cmocka_unit_test(test_oracle),       cmocka_unit_test(test_gradient),
-        cmocka_unit_test(test_friendly),     cmocka_unit_test(test_loss),
-        cmocka_unit_test(test_empty),        cmocka_unit_test(test_total_variation),
-        cmocka_unit_test(test_image_losses), cmocka_unit_test(test_sides)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_crops),
+                                       cmocka_unit_test(test_known),
+                                       cmocka_unit_test(test_whole),
+                                       cmocka_unit_test(test_oracle),
+                                       cmocka_unit_test(test_gradient),
+                                       cmocka_unit_test(test_friendly),
+                                       cmocka_unit_test(test_loss),
+                                       cmocka_unit_test(test_empty),
+                                       cmocka_unit_test(test_total_variation),
+                                       cmocka_unit_test(test_image_losses),
+                                       cmocka_unit_test(test_sides)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

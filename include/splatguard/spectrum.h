@@ -77,15 +77,15 @@ struct sg_spectrum_image {
     struct sg_spectrum spectrum;
 };
 
-/* A part of every image, in pixels; width 0: none. */
+/* A part of every image, in pixels, and within each; width 0: none. */
 struct sg_spectrum_crop {
     int x, y, width, height;
 };
 
 /* Draws up to SG_SPECTRUM_IMAGES_MAX photos, the same crop of all, `gain` times the differences
  * from the first where sizes agree, spectra, and the angular and radial distributions of all, into
- * a PNG. Errors: SG_ERR_USAGE for another number of images, SG_ERR_INPUT where it cannot be written
- * or another's file is there, SG_ERR_BUDGET. */
+ * a PNG. Errors: SG_ERR_USAGE for another number of images and a crop that is not within all of
+ * them, SG_ERR_INPUT where it cannot be written or another's file is there, SG_ERR_BUDGET. */
 SG_API int sg_spectrum_write_picture(sg_ctx *ctx, const char *path,
                                      const struct sg_spectrum_image *images, int n, double gain,
                                      const struct sg_spectrum_crop *crop);

@@ -310,6 +310,23 @@ static int draw(sg_ctx *ctx, const struct sg_spectrum_image *images, int n, doub
     return code;
 }
 
+/* Every image has to have all of the crop. */
+static int check_crop(sg_ctx *ctx, const struct sg_spectrum_image *images, int n,
+                      const struct sg_spectrum_crop *crop)
+{
+    for (int k = 0; k < n && crop->width; k++) {
+        const struct sg_picture *p = &images[k].picture;
+        if (crop->x < 0 || crop->y < 0 || crop->width < 1 || crop->height < 1 ||
+            crop->width > p->width || crop->x > p->width - crop->width ||
+            crop->height > p->height || crop->y > p->height - crop->height)
+            return sg_fail(ctx, SG_ERR_USAGE,
+                           "spectrum: found a crop of %d x %d at %d, %d, expected one within the "
+                           "%d x %d of image %d",
+                           crop->width, crop->height, crop->x, crop->y, p->width, p->height, k);
+    }
+    return SG_OK;
+}
+
 int sg_spectrum_write_picture(sg_ctx *ctx, const char *path, const struct sg_spectrum_image *images,
                               int n, double gain, const struct sg_spectrum_crop *crop)
 {
@@ -319,7 +336,9 @@ int sg_spectrum_write_picture(sg_ctx *ctx, const char *path, const struct sg_spe
     if (n < 1 || n > SG_SPECTRUM_IMAGES_MAX)
         return sg_fail(ctx, SG_ERR_USAGE, "spectrum: found %d images, expected 1 to %d", n,
                        SG_SPECTRUM_IMAGES_MAX);
-    int code = draw(ctx, images, n, gain, crop, &rgb, &width, &height);
+    int code = check_crop(ctx, images, n, crop);
+    if (!code)
+        code = draw(ctx, images, n, gain, crop, &rgb, &width, &height);
     if (!code)
         code = sg_output_check_replaced(ctx, path);
     if (!code)
