@@ -470,6 +470,10 @@ static void test_sides(void **state)
             sg_audit_measure(ctx, rgb, NULL, sides[i][0], sides[i][1], &features, NULL),
             SG_ERR_USAGE);
     }
+    /* An earlier error is not taken for its own. */
+    assert_null(sg_mem_alloc(ctx, SG_MEM_MISC, SIZE_MAX, 2));
+    assert_int_equal(sg_audit_measure(ctx, NULL, NULL, 0, 10, &features, NULL), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(ctx), "found an image of 0 x 10"));
     sg_ctx_destroy(&ctx);
 }
 

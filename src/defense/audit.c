@@ -220,8 +220,8 @@ static void audit_view(void *arg, size_t i, int thread)
     const uint8_t *rgb;
     if ((j->codes[i] = sg_photo_pixels(j->ctx, v, &rgb)))
         return;
-    j->codes[i] = sg_audit_measure(j->ctx, rgb, v->mask, v->camera.width, v->camera.height,
-                                   &image->features, NULL);
+    j->codes[i] = sg_audit_features_of(j->ctx, rgb, v->mask, v->camera.width, v->camera.height,
+                                       &image->features, NULL);
     sg_view_release(v);
     const bool seen = sg_views_used(v, 1);
     image->score = seen ? score_of(image->features.ragged, image->features.evidence) : 0;

@@ -334,8 +334,8 @@ static void judge(const struct audit_texture *t, struct sg_audit_features *out)
     out->amplitude_error = SG_AUDIT_TAU_ERROR * out->amplitude;
 }
 
-int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
-                     struct sg_audit_features *out, float *map)
+int sg_audit_features_of(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width,
+                         int height, struct sg_audit_features *out, float *map)
 {
     struct room room;
     struct sg_spectrum spectrum;
@@ -355,4 +355,11 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
     }
     give_room(&room);
     return code;
+}
+
+int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
+                     struct sg_audit_features *out, float *map)
+{
+    sg_clear_error(ctx);
+    return sg_audit_features_of(ctx, rgb, mask, width, height, out, map);
 }

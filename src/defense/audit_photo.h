@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The weight of a photo in the verdict on a set. */
+/* One photo of an audit: its features, and its weight in the verdict on a set. */
 #ifndef SG_DEFENSE_AUDIT_PHOTO_H
 #define SG_DEFENSE_AUDIT_PHOTO_H
 
@@ -21,5 +21,9 @@ static inline double sg_audit_vote(const struct sg_audit_features *f)
 /* A score that no clean photo had, but most photos of a strong poison have. Clean photos cannot
  * outvote these, since photos that do not show the scene do not weaken an attack. */
 #define SG_AUDIT_CERTAIN 0.99
+
+/* sg_audit_measure for worker threads and within other calls: it does not clear an error. */
+int sg_audit_features_of(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width,
+                         int height, struct sg_audit_features *out, float *map);
 
 #endif

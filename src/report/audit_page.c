@@ -10,6 +10,7 @@
 #include "core/file.h"
 #include "core/json_text.h"
 #include "core/numbers.h"
+#include "defense/audit_photo.h"
 #include "image/image.h"
 #include "splatguard/output.h"
 #include "scene/photo.h"
@@ -128,7 +129,7 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v,
     if (!code)
         code = put_picture(ctx, f, photo, w, h, "photo", v->name);
     if (!code)
-        code = sg_audit_measure(ctx, photo, v->mask, w, h, &features, map);
+        code = sg_audit_features_of(ctx, photo, v->mask, w, h, &features, map);
     if (!code) {
         for (size_t i = 0; i < pixels; i++)
             heat(sqrtf(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT),
