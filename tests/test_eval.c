@@ -207,8 +207,10 @@ static void matched_colours_undo_an_exposure(void **state)
     assert_string_equal(sg_eval_corrected_by(&exposed), "exposure");
     exposed.match_colours = true;
     assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_ERR_USAGE);
+    assert_true(e.views == 0 && !e.per_view);
     exposed.match_colours = false, shown_photo = SIZE_MAX;
     assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_ERR_USAGE);
+    assert_true(e.views == 0 && !e.per_view);
     exposed.photos = NULL;
     assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_ERR_USAGE);
     view.rgb = photo;

@@ -158,7 +158,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     const struct sg_eval_params none = {0};
     params = params ? params : &none;
     sg_clear_error(ctx);
-    *out = (struct sg_eval){.views = n};
+    *out = (struct sg_eval){0};
     if (!n)
         return sg_fail(ctx, SG_ERR_INPUT, "evaluation: found no views, expected at least one");
     if (params->exposures && (params->match_colours || !params->photos))
@@ -174,6 +174,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
                 views[i].name);
     size_t pixels = 0;
     double measured = 0;
+    out->views = n;
     for (size_t i = 0; i < n; i++) {
         const size_t p = (size_t) views[i].camera.width * (size_t) views[i].camera.height;
         pixels = p > pixels ? p : pixels;
