@@ -285,6 +285,10 @@ static void test_write_refusals(void **state)
     put(f, "folder/x", "", 0);
     assert_int_equal(sg_model_write_ply(f->ctx, m, at(f, "folder")), SG_ERR_INPUT);
     sg_model_destroy(&m);
+    assert_int_equal(sg_model_create(f->ctx, 0, 0, &m), SG_OK);
+    assert_int_equal(sg_model_write_ply(f->ctx, m, at(f, "none.ply")), SG_ERR_INPUT);
+    assert_false(sg_file_exists(at(f, "none.ply")));
+    sg_model_destroy(&m);
 }
 
 static void test_points(void **state)

@@ -102,7 +102,7 @@ SG_API int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussia
 
 /* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer
  * f_rest below. The file appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be
- * written, SG_ERR_BUDGET. */
+ * written or the model has no Gaussians, SG_ERR_BUDGET. */
 SG_API int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *path);
 
 /* Reads and writes a point cloud PLY (x y z, optional red green blue). xyz, rgb: n x 3. Points

@@ -137,7 +137,7 @@ int sg_model_write(sg_ctx *ctx, const struct sg_model *m, const char *path,
         choice.format = sg_model_format_of(path);
     int code = check_file(ctx, path, &choice);
     if (!code && choice.format == SG_MODEL_PLY)
-        return m->count ? sg_model_write_ply(ctx, m, path) : sg_model_check(ctx, m, "model");
+        return sg_model_write_ply(ctx, m, path);
     if (!code)
         code = sg_model_refuse_anchors(ctx, m);
     if (!code)

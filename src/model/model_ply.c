@@ -108,6 +108,8 @@ static int file_order(const struct sg_model *m, struct property *out)
 int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
 {
     sg_clear_error(ctx);
+    if (!m->count) /* nothing could read the file */
+        return sg_model_check(ctx, m, "model");
     if (sg_model_has_anchors(m))
         return sg_anchors_write(ctx, m, path);
     struct sg_file_writer w;
