@@ -127,6 +127,12 @@ static void test_resume(void **state)
     assert_same_model(ctx, whole, cut);
     assert_int_equal(train(ctx, &back, SG_RUN_RESUME, &s), SG_OK);
     assert_true(s.finished);
+    char path[128];
+    assert_int_equal(sg_run_find_model(ctx, cut, 11, path, sizeof(path)), SG_OK);
+    assert_int_equal(sg_run_find_model(ctx, cut, 12, path, sizeof(path)), SG_ERR_INPUT);
+    assert_non_null(
+        strstr(sg_last_error(ctx), "found no point_cloud/iteration_12/point_cloud.ply"));
+    assert_int_equal(sg_run_find_model(ctx, cut, -1, path, sizeof(path)), SG_ERR_INPUT);
     sg_run_params_clear(&back);
 
     sg_run_summary *summary;

@@ -165,6 +165,9 @@ static int check_model(sg_ctx *ctx, const char *run, int iteration)
         char name[80];
         snprintf(name, sizeof(name), "point_cloud/iteration_%d/%s", iteration, names[i]);
         code = sg_run_check_inside(ctx, run, name);
+        if (!code && !i && !sg_run_has(ctx, run, name))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no %s, expected that iteration's model",
+                           run, name);
     }
     return code;
 }
