@@ -99,6 +99,14 @@ static void test_cameras(void **state)
     struct sg_model *m = make_model(ctx, 5, 1, 8);
     const struct sg_camera good = make_camera(SIDE, SIDE, 3);
     sg_renderer *r;
+    static const float backgrounds[] = {-0.01f, 1.01f, NAN, INFINITY};
+    for (size_t i = 0; i < sizeof(backgrounds) / sizeof(backgrounds[0]); i++) {
+        struct sg_render_params params = sg_render_params_default();
+        params.background[2] = backgrounds[i];
+        assert_int_equal(sg_renderer_create(ctx, NULL, NULL, m, &params, &r), SG_ERR_USAGE);
+        assert_null(r);
+        assert_non_null(strstr(sg_last_error(ctx), "background[2]: found"));
+    }
     assert_int_equal(sg_renderer_create(ctx, NULL, NULL, m, NULL, &r), SG_OK);
     for (int wrong = 0; wrong < 4; wrong++) {
         struct sg_camera c = good;

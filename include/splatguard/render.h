@@ -62,8 +62,8 @@ typedef struct sg_renderer sg_renderer;
 /* engine: NULL = "auto", which looks for a GPU and takes the CPU without one; else see
  * SG_ENGINE_HELP. cpu: NULL = the best variant that this machine has, else "baseline", "avx2",
  * "avx512", "neon". params may be NULL. The model is copied; the caller destroys *out. Errors:
- * SG_ERR_USAGE for an engine or variant that is not there and for max_instances outside 1..4e9,
- * SG_ERR_BUDGET. */
+ * SG_ERR_USAGE for an engine or variant that is not there, for values out of range and for
+ * max_instances outside 1..4e9, SG_ERR_BUDGET. */
 SG_API int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
                               const struct sg_model *model, const struct sg_render_params *params,
                               sg_renderer **out);

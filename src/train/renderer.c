@@ -40,6 +40,15 @@ struct sg_render_params sg_render_params_default(void)
     return (struct sg_render_params){SG_RENDER_DEFAULTS};
 }
 
+static int check_background(sg_ctx *ctx, const float background[3])
+{
+    for (int ch = 0; ch < 3; ch++)
+        if (!(background[ch] >= 0 && background[ch] <= 1))
+            return sg_fail(ctx, SG_ERR_USAGE, "background[%d]: found %g, expected 0 to 1", ch,
+                           (double) background[ch]);
+    return SG_OK;
+}
+
 static int hold_model(sg_ctx *ctx, const char *name, const char *cpu, const struct sg_model *model,
                       struct sg_engine **out)
 {
@@ -63,6 +72,8 @@ int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
     struct sg_engine *e = NULL;
     params = params ? params : &defaults;
     int code = sg_check_options(ctx, sg_render_options(), params);
+    if (!code)
+        code = check_background(ctx, params->background);
     if (!code)
         code = hold_model(ctx, engine, cpu, model, &e);
     if (!code)
