@@ -93,6 +93,18 @@ static PyObject *context_new(PyTypeObject *type, PyObject *args, PyObject *kw)
     return (PyObject *) c;
 }
 
+/* What the garbage collector looks for cycles in. Nothing here breaks one: that is left to what all
+ * of them have, the variables of a function or an object, so that every object is whole until it is
+ * destroyed, after all that needs it. */
+static int context_traverse(PyObject *self, visitproc visit, void *arg)
+{
+    struct context *c = (struct context *) self;
+    Py_VISIT(Py_TYPE(self));
+    Py_VISIT(c->log);
+    Py_VISIT(c->progress);
+    return 0;
+}
+
 static void free_object(PyObject *self)
 {
     PyTypeObject *type = Py_TYPE(self);
@@ -165,6 +177,7 @@ static void bury(struct context *c)
 static void context_dealloc(PyObject *self)
 {
     struct context *c = (struct context *) self;
+    PyObject_GC_UnTrack(self);
     if (c->lock)
         bury(c);
     sg_ctx_destroy(&c->ctx);
@@ -195,11 +208,13 @@ static PyObject *context_memory(PyObject *self, PyObject *none)
 static PyMethodDef context_methods[] = {{"memory", context_memory, METH_NOARGS, NULL}, {0}};
 static PyType_Slot context_slots[] = {{Py_tp_new, context_new},
                                       {Py_tp_dealloc, context_dealloc},
+                                      {Py_tp_traverse, context_traverse},
                                       {Py_tp_methods, context_methods},
                                       {0}};
 static PyType_Spec context_spec = {.name = "splatguard._core.Context",
                                    .basicsize = sizeof(struct context),
-                                   .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE,
+                                   .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE |
+                                            Py_TPFLAGS_HAVE_GC,
                                    .slots = context_slots};
 
 /* ---- handles ---- */
@@ -216,10 +231,20 @@ static void release(struct handle *h, enum kind kind)
     bury(h->context);
 }
 
+static int handle_traverse(PyObject *self, visitproc visit, void *arg)
+{
+    struct handle *h = (struct handle *) self;
+    Py_VISIT(Py_TYPE(self));
+    Py_VISIT((PyObject *) h->context);
+    Py_VISIT(h->keep);
+    return 0;
+}
+
 #define DEALLOC(name, kind)                                                                        \
     static void name(PyObject *self)                                                               \
     {                                                                                              \
         struct handle *h = (struct handle *) self;                                                 \
+        PyObject_GC_UnTrack(self);                                                                 \
         release(h, kind);                                                                          \
         Py_CLEAR(h->context);                                                                      \
         free_object(self);                                                                         \
@@ -240,22 +265,26 @@ static PyObject *refuse_new(PyTypeObject *type, PyObject *args, PyObject *kw)
 
 #define SLOTS(dealloc)                                                                             \
     {                                                                                              \
-        {Py_tp_dealloc, dealloc}, {Py_tp_new, refuse_new},                                         \
+        {Py_tp_dealloc, dealloc}, {Py_tp_new, refuse_new}, {Py_tp_traverse, handle_traverse},      \
         {                                                                                          \
             0                                                                                      \
         }                                                                                          \
     }
-static PyType_Slot slots[KINDS][3] = {SLOTS(scene_dealloc), SLOTS(model_dealloc),
+static PyType_Slot slots[KINDS][4] = {SLOTS(scene_dealloc), SLOTS(model_dealloc),
                                       SLOTS(renderer_dealloc), SLOTS(trainer_dealloc),
                                       SLOTS(attack_dealloc)};
 static const char *const type_names[KINDS] = {
     "splatguard._core.Scene", "splatguard._core.Model", "splatguard._core.Renderer",
     "splatguard._core.Trainer", "splatguard._core.Attack"};
 
-struct handle *handle_new(enum kind kind, struct context *context, PyObject *keep)
+struct handle *handle_new(enum kind kind, struct context *context, PyObject *list)
 {
     PyTypeObject *type = (PyTypeObject *) core_types[kind];
-    struct handle *h = (struct handle *) ((allocfunc) PyType_GetSlot(type, Py_tp_alloc))(type, 0);
+    /* Not the list itself, which the garbage collector would empty before the object ends. */
+    PyObject *keep = list ? PyList_AsTuple(list) : NULL;
+    struct handle *h =
+        list && !keep ? NULL
+                      : (struct handle *) ((allocfunc) PyType_GetSlot(type, Py_tp_alloc))(type, 0);
     if (!h) {
         Py_XDECREF(keep);
         return NULL;
@@ -608,7 +637,7 @@ PyMODINIT_FUNC PyInit__core(void)
     for (int k = 0; k < KINDS && good; k++) {
         PyType_Spec spec = {.name = type_names[k],
                             .basicsize = sizeof(struct handle),
-                            .flags = Py_TPFLAGS_DEFAULT,
+                            .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC,
                             .slots = slots[k]};
         core_types[k] = PyType_FromSpec(&spec);
         good = core_types[k] != NULL;

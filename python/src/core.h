@@ -32,7 +32,7 @@ struct context {
 /* Every other object: what it holds, its context, and what must outlive it. */
 struct handle {
     PyObject_HEAD struct context *context;
-    PyObject *keep; /* a tuple or list, or NULL */
+    PyObject *keep; /* a tuple, or NULL */
     union {
         void *object;
         struct sg_scene *scene;
@@ -50,8 +50,8 @@ extern PyObject *core_context_type;
 
 PyObject *error_type(int code); /* the exception of an SG_ERR_* */
 
-/* A new handle; takes over `keep`. NULL with an exception. */
-struct handle *handle_new(enum kind kind, struct context *context, PyObject *keep);
+/* A new handle, which keeps what is in the list, or NULL. NULL with an exception. */
+struct handle *handle_new(enum kind kind, struct context *context, PyObject *list);
 /* For PyArg_ParseTuple with O&. */
 int to_u64(PyObject *object, void *out);     /* unsigned long long *; "K" takes -1 for the most */
 int to_context(PyObject *object, void *out); /* struct context ** */

@@ -26,10 +26,10 @@ static PyObject *scene_load(PyObject *module, PyObject *args)
     return (PyObject *) h;
 }
 
-/* A photo that a function returns. Capsules of these are kept by the scene. */
+/* A photo that a function returns. Capsules of these are kept by the scene, and the functions. */
 struct lazy {
     struct context *context;
-    PyObject *function;
+    PyObject *function; /* borrowed */
     size_t bytes;
 };
 
@@ -52,9 +52,7 @@ static int read_lazy(void *priv, uint8_t *rgb)
 
 static void free_lazy(PyObject *capsule)
 {
-    struct lazy *l = PyCapsule_GetPointer(capsule, NULL);
-    Py_DECREF(l->function);
-    PyMem_Free(l);
+    PyMem_Free(PyCapsule_GetPointer(capsule, NULL));
 }
 
 static struct lazy *make_lazy(struct context *context, PyObject *function, size_t bytes,
@@ -66,14 +64,12 @@ static struct lazy *make_lazy(struct context *context, PyObject *function, size_
         return NULL;
     }
     *l = (struct lazy){context, function, bytes};
-    Py_INCREF(function);
     PyObject *capsule = PyCapsule_New(l, NULL, free_lazy);
     if (!capsule) {
-        Py_DECREF(function);
         PyMem_Free(l);
         return NULL;
     }
-    const int failed = PyList_Append(keep, capsule);
+    const int failed = PyList_Append(keep, function) || PyList_Append(keep, capsule);
     Py_DECREF(capsule);
     return failed ? NULL : l;
 }
@@ -141,7 +137,6 @@ static PyObject *scene_build(PyObject *module, PyObject *args)
                array_read(&rgb, colors, 'B', 3 * (size_t) n, "colors", true) &&
                CALL(c, sg_scene_builder_add_points(b, xyz.data, rgb.data, (size_t) n));
     if (good) {
-        Py_INCREF(keep);
         h = handle_new(SCENE, c, keep);
         if (h && !CALL(c, sg_scene_builder_finish(&b, &h->scene)))
             Py_CLEAR(h);

@@ -77,7 +77,6 @@ static PyObject *trainer_new(PyObject *module, PyObject *args)
                 keep_floats(&p.defense.view_weights, weights, views, "view_weights", keep) &&
                 all_used(&p, scene->context, dict, audited);
     if (good) {
-        Py_INCREF(keep);
         h = handle_new(TRAINER, scene->context, keep);
         good = h &&
                CALL(scene->context,
@@ -168,7 +167,6 @@ static PyObject *attack_new(PyObject *module, PyObject *args)
                          "preset: found \"%s\", expected auto, ns, mip or tt", preset);
         /* What the caller gives has precedence over the preset. */
         else if (params_set(sg_attack_options(), &p, dict, keep)) {
-            Py_INCREF(keep);
             h = handle_new(ATTACK, scene->context, keep);
             if (h && !CALL(scene->context, sg_attack_create(scene->context->ctx, scene->scene,
                                                             proxy->model, &p, &h->attack)))
@@ -200,7 +198,7 @@ static PyObject *attack_poison(PyObject *module, PyObject *args)
     if (!PyArg_ParseTuple(args, "O&n", to_attack, &h, &view))
         return NULL;
     /* The scene's own sizes, not those of Python's list of views, which can be changed. */
-    const struct sg_scene *scene = ((struct handle *) PyList_GetItem(h->keep, 0))->scene;
+    const struct sg_scene *scene = ((struct handle *) PyTuple_GetItem(h->keep, 0))->scene;
     if (view < 0 || (size_t) view >= scene->n_train)
         return PyErr_Format(PyExc_IndexError, "view: found %zd, expected 0 to %zu", view,
                             scene->n_train - 1);

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import types
+import weakref
 
 import numpy as np
 import pytest
@@ -237,6 +238,38 @@ def test_objects_end_while_a_call_has_their_context():
     thread.join(60)
     assert not thread.is_alive() and seen and all(seen)
     assert context.memory()["model"][0] == 0
+
+
+def test_cycles_through_callbacks_end():
+    # A service's object that has a context or a scene, which call methods of it.
+    class Service:
+        def __init__(self):
+            self.context = sg.Context(threads=2, progress=self.progress, log=self.log)
+            self.scene = sg.Scene.build(
+                (sg.View(f"view_{k}", camera(k), lambda k=k: self.photo(k)) for k in range(3)),
+                context=self.context, keep_photos=1)
+            self.trainer = sg.Trainer(self.scene, tolerances=[1.0] * 3, **SHORT)
+            self.trainer.step()
+
+        def progress(self, stage, done, total):
+            return False
+
+        def log(self, level, message):
+            pass
+
+        def photo(self, k):
+            return photo(k)
+
+    def threads():
+        return len(os.listdir("/proc/self/task"))
+
+    gc.collect()
+    before = threads()
+    ended = [weakref.ref(Service()) for _ in range(3)]
+    assert threads() > before
+    gc.collect()
+    assert not any(service() for service in ended)
+    assert threads() == before
 
 
 def test_the_process_ends_while_a_daemon_is_in_a_call():
