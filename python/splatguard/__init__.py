@@ -67,6 +67,13 @@ def _shape(array, what, last):
     return view.shape[:2]
 
 
+def _check_rows(array, count, width, what):
+    """Checks that an array with more than one dimension has a row for each Gaussian."""
+    shape = memoryview(array).shape
+    if len(shape) > 1 and shape[0] != count:
+        raise UsageError(f"{what}: found an array of shape {shape}, expected {count} x {width}")
+
+
 def _expect(value, kinds, what):
     """Checks that an argument is of a class, or of one of some; returns it."""
     kinds = kinds if isinstance(kinds, tuple) else (kinds,)
@@ -324,9 +331,9 @@ class Model:
     @classmethod
     def from_points(cls, points, colors, sh_degree=3, context=None):
         """Initial Gaussians at n >= 4 points (n x 3 floats) with colours (n x 3 bytes)."""
-        context = _context(context)
-        return cls._of(_core.model_from_points(context, points, colors,
-                                               _shape_rows(points, "points"), sh_degree), context)
+        context, count = _context(context), _shape_rows(points, "points")
+        _check_rows(colors, count, 3, "colors")
+        return cls._of(_core.model_from_points(context, points, colors, count, sh_degree), context)
 
     @classmethod
     def load(cls, path, max_gaussians=2**32 - 1, context=None):
@@ -368,6 +375,10 @@ class Model:
         return out
 
     def __setitem__(self, field, values):
+        width = dict(_core.fields(self.sh_degree)).get(field)
+        if width is None:
+            raise KeyError(field)
+        _check_rows(values, len(self), width, field)
         _core.model_field(self._handle, field, values, True)
 
     def arrays(self):
@@ -412,7 +423,7 @@ class Renderer:
 
     def __init__(self, model, background=(0.0, 0.0, 0.0), engine=None, cpu=None, **params):
         self.context = _expect(model, Model, "model").context
-        self._shape = len(model), model.sh_degree
+        self._shape, self._drawn = (len(model), model.sh_degree), None
         self._handle = _core.renderer_new(model._handle, engine, cpu, params, tuple(background))
 
     def render(self, camera, alpha=False, depth=False):
@@ -422,11 +433,15 @@ class Renderer:
         a, d = (_array("f", h, w) if wanted else None for wanted in
                 (_flag(alpha, "alpha"), _flag(depth, "depth")))
         stats = _core.render(self._handle, camera._numbers(), color, a, d)
+        self._drawn = color.shape
         return Render(color, a, d, stats)
 
     def backward(self, gradient):
         """Gradients of a scalar L: from dL/dcolor (3 x height x width floats) of the view that
         render() drew last, since which evaluate() has not drawn any, to a Model whose fields are dL/d of each parameter as stored."""
+        shape = memoryview(gradient).shape
+        if self._drawn and len(shape) > 1 and shape[-3:] != self._drawn:
+            raise UsageError(f"gradient: found an array of shape {shape}, expected {self._drawn}")
         out = Model(*self._shape, context=self.context)
         _core.render_backward(self._handle, gradient, out._handle)
         return out

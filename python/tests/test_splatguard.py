@@ -81,8 +81,16 @@ def test_wrong_arrays_are_refused():
     for wrong in (np.zeros((5, 4), np.float32), np.zeros((5, 3), np.int32), np.zeros(14, np.float32)):
         with pytest.raises(ValueError, match="position: found .* expected 15"):
             model["position"] = wrong
-    with pytest.raises(KeyError):
-        model["colour"]
+    flat = np.arange(15, dtype=np.float32)
+    with pytest.raises(sg.UsageError, match=r"position: found an array of shape \(3, 5\)"):
+        model["position"] = flat.reshape(3, 5)
+    model["position"] = flat
+    assert np.array_equal(model["position"], flat.reshape(5, 3))
+    with pytest.raises(sg.UsageError, match=r"colors: found an array of shape \(3, 5\)"):
+        sg.Model.from_points(np.zeros((5, 3)), np.zeros((3, 5), np.uint8))
+    for access in (lambda: model["colour"], lambda: model.__setitem__("colour", flat)):
+        with pytest.raises(KeyError):
+            access()
     with pytest.raises(sg.UsageError, match="found an image of"):
         sg.Scene.build([sg.View("a", camera(0), photo(0, 20))])
     with pytest.raises(TypeError):
@@ -322,6 +330,8 @@ def test_gradients_are_those_of_finite_differences():
     with pytest.raises(ValueError, match="no view"):
         renderer.backward(np.zeros(0, np.float32))
     renderer.render(camera(0.3))
+    with pytest.raises(sg.UsageError, match=r"gradient: found an array of shape \(40, 40, 3\)"):
+        renderer.backward(weight.transpose(1, 2, 0))
     gradients = renderer.backward(weight)
     for name, values in model.arrays().items():
         values, found = np.array(values), np.asarray(gradients[name])
