@@ -419,7 +419,8 @@ void array_release(struct array *a)
 static bool check_shape(struct array *a, char found, char item, bool convertible, size_t count,
                         const char *what)
 {
-    const size_t items = found ? (size_t) a->view.len / size_of(found) : 0;
+    const size_t size = found ? size_of(found) : (size_t) a->view.itemsize,
+                 items = size ? (size_t) a->view.len / size : 0;
     if (found && items == count && (found == item || (convertible && found != 'B' && item != 'B')))
         return true;
     PyErr_Format(error_type(SG_ERR_USAGE),

@@ -81,6 +81,8 @@ def test_wrong_arrays_are_refused():
     for wrong in (np.zeros((5, 4), np.float32), np.zeros((5, 3), np.int32), np.zeros(14, np.float32)):
         with pytest.raises(ValueError, match="position: found .* expected 15"):
             model["position"] = wrong
+    with pytest.raises(ValueError, match="position: found 15 values of type 'e', expected 15 of"):
+        model["position"] = np.zeros((5, 3), np.float16)
     flat = np.arange(15, dtype=np.float32)
     with pytest.raises(sg.UsageError, match=r"position: found an array of shape \(3, 5\)"):
         model["position"] = flat.reshape(3, 5)
