@@ -466,6 +466,8 @@ class Trainer:
         self.scene, self.context = _expect(scene, Scene, "scene"), scene.context
         if audit not in (None, "defend", "refuse") and not (isinstance(audit, dict) and "defense" in audit):
             raise UsageError(f'audit: found {audit!r}, expected a result of audit(scene), "defend" or "refuse"')
+        if initial is not None and resume is not None:
+            raise UsageError("initial: found with resume, which has a model, expected one of both")
         automatic = params.get("tolerance") == "auto"
         if audit not in (None, "refuse") and defense in (False, "off"):
             raise UsageError("defense: found off, expected no audit that turns it on with it")
@@ -494,7 +496,7 @@ class Trainer:
             params["defense"] = defense
         model = None if initial is None else _expect(initial, Model, "initial")._handle
         self._handle = _core.trainer_new(scene._handle, model, params, _floats(tolerances),
-                                         _floats(view_weights), audited, resume or b"")
+                                         _floats(view_weights), audited, resume)
 
     def step(self):
         """Runs one iteration. Returns a dict: iteration, view (index into scene.train), loss, l1,
@@ -554,9 +556,12 @@ def evaluate(model, scene, split="test", match_colors=False, fps=False, **params
     pixels: {psnr, ssim, views: [{name, psnr, ssim}]}, and what is asked for: fps, corrected_psnr,
     corrected_ssim. match_colors: also after matching the colours of renders and photos. Renders have the appearance
     that params ask for, also where a test photo has one of its own. fps: measures frames per
-    second. params: of Renderer."""
+    second. params: of Renderer, for a Model."""
     _expect(model, (Model, Renderer), "model"), _expect(scene, Scene, "scene")
     _flag(match_colors, "match_colors"), _flag(fps, "fps")
+    if params and isinstance(model, Renderer):
+        raise UsageError(f"{next(iter(params))}: found with a Renderer, which has its own, expected "
+                         "a Model")
     renderer = model if isinstance(model, Renderer) else Renderer(model, **params)
     if split not in ("train", "test"):
         raise UsageError(f'split: found {split!r}, expected "train" or "test"')

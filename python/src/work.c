@@ -52,6 +52,14 @@ static bool all_used(const struct sg_train_params *p, const struct context *c, P
     return !PyErr_Occurred();
 }
 
+/* For O&: a path as bytes, or NULL for None. */
+static int to_path_or_none(PyObject *object, void *out)
+{
+    if (object && object != Py_None)
+        return PyUnicode_FSConverter(object, out);
+    return 1;
+}
+
 static PyObject *trainer_new(PyObject *module, PyObject *args)
 {
     (void) module;
@@ -61,15 +69,15 @@ static PyObject *trainer_new(PyObject *module, PyObject *args)
     struct sg_train_params p = sg_train_params_default();
     if (!keep ||
         !PyArg_ParseTuple(args, "O&O&O!OOpO&", to_scene, &scene, to_model_or_none, &model,
-                          &PyDict_Type, &dict, &tolerances, &weights, &audited,
-                          PyUnicode_FSConverter, &path) ||
+                          &PyDict_Type, &dict, &tolerances, &weights, &audited, to_path_or_none,
+                          &path) ||
         !same_context(scene, model)) {
         Py_XDECREF(keep);
         Py_XDECREF(path);
         return NULL;
     }
     const size_t views = scene->scene->n_train;
-    const char *checkpoint = PyBytes_AsString(path);
+    const char *checkpoint = path ? PyBytes_AsString(path) : NULL;
     sg_ctx *ctx = scene->context->ctx;
     bool good = !PyList_Append(keep, (PyObject *) scene) &&
                 params_set(sg_train_options(), &p, dict, keep) &&
@@ -78,16 +86,16 @@ static PyObject *trainer_new(PyObject *module, PyObject *args)
                 all_used(&p, scene->context, dict, audited);
     if (good) {
         h = handle_new(TRAINER, scene->context, keep);
-        good = h &&
-               CALL(scene->context,
-                    *checkpoint ? sg_trainer_resume(ctx, scene->scene, checkpoint, &p, &h->trainer)
-                                : sg_trainer_create(ctx, scene->scene, model ? model->model : NULL,
-                                                    &p, &h->trainer));
+        good =
+            h && CALL(scene->context,
+                      checkpoint ? sg_trainer_resume(ctx, scene->scene, checkpoint, &p, &h->trainer)
+                                 : sg_trainer_create(ctx, scene->scene, model ? model->model : NULL,
+                                                     &p, &h->trainer));
         if (!good)
             Py_CLEAR(h);
     }
     Py_DECREF(keep);
-    Py_DECREF(path);
+    Py_XDECREF(path);
     return (PyObject *) h;
 }
 

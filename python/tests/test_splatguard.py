@@ -637,6 +637,16 @@ def test_defense_is_a_bool_or_a_word():
                 sg.train(scene, defense=off, audit=audit, **few)
 
 
+def test_arguments_without_effect_are_refused(tmp_path):
+    scene, model = scene_of(), model_of()
+    with pytest.raises(sg.UsageError, match="initial: found with resume"):
+        sg.Trainer(scene, initial=model, resume=tmp_path / "state.bin", **SHORT)
+    with pytest.raises(sg.InputError):
+        sg.Trainer(scene, resume="", **SHORT)  # not a new training
+    with pytest.raises(sg.UsageError, match="background: found with a Renderer"):
+        sg.evaluate(sg.Renderer(model), scene, split="train", background=(1, 1, 1))
+
+
 def test_parameters_without_effect_are_refused():
     scene = scene_of(views=3)
     few = dict(iterations=1, init_points=50)
