@@ -162,7 +162,7 @@ class Camera:
 
 
 class View:
-    """A photo for Scene.build, or one of a scene.
+    """A photo for Scene.build, or one of a scene, which another scene can be built of too.
 
     name: unique text. camera: a Camera for the size of the image. image: height x width x 3 bytes,
     or a function without arguments that returns them whenever the library needs the pixels (a lazy
@@ -184,13 +184,13 @@ class View:
 
     def _tuple(self):
         sides = (self.camera.height, self.camera.width)
-        if not callable(self._image) and _shape(self._image, self.name, 3) != sides:
-            raise UsageError(f"{self.name}: found an image of {_shape(self._image, '', 3)}, expected "
+        image, mask = (self._image, self._mask) if self._place is None else (self.image, self.mask)
+        if not callable(image) and _shape(image, self.name, 3) != sides:
+            raise UsageError(f"{self.name}: found an image of {_shape(image, '', 3)}, expected "
                              f"{sides} (height, width) as its camera")
-        if self._mask is not None and _shape(self._mask, self.name + ": mask", None) != sides:
+        if mask is not None and _shape(mask, self.name + ": mask", None) != sides:
             raise UsageError(f"{self.name}: found a mask of another size than its camera")
-        return (self.name, self.camera._numbers(), self._image, self._mask, _SPLITS[self.split],
-                self.lossless)
+        return (self.name, self.camera._numbers(), image, mask, _SPLITS[self.split], self.lossless)
 
     @property
     def image(self):

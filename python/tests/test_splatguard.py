@@ -119,6 +119,21 @@ def test_scene_has_what_was_put_in():
     assert np.array_equal(xyz, points) and np.array_equal(rgb, colors)
 
 
+def test_views_of_a_scene_make_another():
+    mask = np.zeros((SIDE, SIDE), np.uint8)
+    mask[5:, :20] = 255
+    scene = sg.Scene.build([sg.View("a", camera(0), photo(0), mask=mask, lossless=True),
+                            sg.View("b", camera(1), photo(1), split="test"),
+                            sg.View("c", camera(2), lambda: photo(2))])
+    part = sg.Scene.build([scene.train[0], *scene.test])
+    assert [v.name for v in part.train + part.test] == ["a", "b"]
+    assert np.array_equal(part.train[0].image, photo(0)) and part.train[0].lossless
+    assert np.array_equal(part.train[0].mask, mask) and part.test[0].mask is None
+    # Of another context, which has no photo of the first.
+    other = sg.Scene.build(scene.train, context=sg.Context(threads=1))
+    assert np.array_equal(other.train[1].image, photo(2))
+
+
 def test_lazy_photos_train_the_same_model():
     context, reads = sg.Context(threads=2), []
 
