@@ -77,15 +77,21 @@ static struct lazy *make_lazy(struct context *context, PyObject *function, size_
 /* item: (name, camera, image or function, mask or None, split, lossless). */
 static bool add_view(struct context *c, sg_scene_builder *b, PyObject *item, PyObject *keep)
 {
-    const char *name;
-    PyObject *camera, *image, *mask_object;
+    char *name;
+    PyObject *text, *camera, *image, *mask_object;
     int split, lossless;
     struct array rgb = {0}, mask = {0};
     struct sg_view_desc v = {0};
-    if (!PyArg_ParseTuple(item, "sOOOip", &name, &camera, &image, &mask_object, &split,
+    if (!PyArg_ParseTuple(item, "UOOOip", &text, &camera, &image, &mask_object, &split,
                           &lossless) ||
         !camera_read(&v.camera, camera))
         return false;
+    /* The reverse of what names of views are made with. */
+    PyObject *bytes = PyUnicode_EncodeFSDefault(text);
+    if (!bytes || PyBytes_AsStringAndSize(bytes, &name, NULL)) {
+        Py_XDECREF(bytes);
+        return false;
+    }
     const size_t pixels = (size_t) v.camera.width * (size_t) v.camera.height;
     v.name = name;
     v.split = (enum sg_view_split) split;
@@ -103,6 +109,7 @@ static bool add_view(struct context *c, sg_scene_builder *b, PyObject *item, PyO
     good = good && CALL(c, sg_scene_builder_add_view(b, &v));
     array_release(&rgb);
     array_release(&mask);
+    Py_DECREF(bytes);
     return good;
 }
 

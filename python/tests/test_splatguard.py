@@ -495,6 +495,11 @@ def test_names_of_photos_need_not_be_utf8(tmp_path):
     scores = sg.evaluate(model_of(context=scene.context), scene)
     assert [v["name"] for v in scores["views"]] == [v.name for v in scene.test]
     assert os.fsdecode(names[0])[:-4] in [v["name"] for v in scores["views"]]
+    again = sg.Scene.build(scene.train + scene.test, untrained=True)
+    assert sorted(v.name for v in again.train + again.test) == sorted(
+        os.fsdecode(name)[:-4] for name in names)
+    with pytest.raises(ValueError, match="null byte"):
+        sg.Scene.build([sg.View("a\0b", camera(0), photo(0))])
 
 
 # ---- attack and defense ----
