@@ -158,28 +158,45 @@ static PyObject *trainer_save(PyObject *module, PyObject *args)
     return good ? Py_BuildValue("") : NULL;
 }
 
+/* What the caller gives has precedence over the preset, but for 0 and the word "preset". */
+static bool attack_params(PyObject *dict, const char *preset, enum sg_scene_format format,
+                          PyObject *keep, struct sg_attack_params *p)
+{
+    *p = sg_attack_params_default();
+    if (*preset)
+        p->iterations = p->inner = p->update_interval = SG_ATTACK_BY_PRESET;
+    if (!params_set(sg_attack_options(), p, dict, keep))
+        return false;
+    if (!*preset)
+        return true;
+    struct sg_attack_params schedule = *p;
+    if (!sg_attack_preset(preset, format, &schedule)) {
+        PyErr_Format(error_type(SG_ERR_USAGE), "preset: found \"%s\", expected auto, ns, mip or tt",
+                     preset);
+        return false;
+    }
+    p->iterations = p->iterations ? p->iterations : schedule.iterations;
+    p->inner = p->inner ? p->inner : schedule.inner;
+    p->update_interval = p->update_interval ? p->update_interval : schedule.update_interval;
+    return true;
+}
+
 static PyObject *attack_new(PyObject *module, PyObject *args)
 {
     (void) module;
     struct handle *scene, *proxy, *h = NULL;
     PyObject *dict, *keep = PyList_New(0);
     const char *preset;
-    struct sg_attack_params p = sg_attack_params_default();
+    struct sg_attack_params p;
     if (keep &&
         PyArg_ParseTuple(args, "O&O&O!s", to_scene, &scene, to_model, &proxy, &PyDict_Type, &dict,
                          &preset) &&
         same_context(scene, proxy) && !PyList_Append(keep, (PyObject *) scene) &&
-        params_set(sg_attack_options(), &p, dict, keep)) {
-        if (*preset && !sg_attack_preset(preset, scene->scene->format, &p))
-            PyErr_Format(error_type(SG_ERR_USAGE),
-                         "preset: found \"%s\", expected auto, ns, mip or tt", preset);
-        /* What the caller gives has precedence over the preset. */
-        else if (params_set(sg_attack_options(), &p, dict, keep)) {
-            h = handle_new(ATTACK, scene->context, keep);
-            if (h && !CALL(scene->context, sg_attack_create(scene->context->ctx, scene->scene,
-                                                            proxy->model, &p, &h->attack)))
-                Py_CLEAR(h);
-        }
+        attack_params(dict, preset, scene->scene->format, keep, &p)) {
+        h = handle_new(ATTACK, scene->context, keep);
+        if (h && !CALL(scene->context, sg_attack_create(scene->context->ctx, scene->scene,
+                                                        proxy->model, &p, &h->attack)))
+            Py_CLEAR(h);
     }
     Py_XDECREF(keep);
     return h ? Py_BuildValue("(Ni)", (PyObject *) h, p.iterations) : NULL;

@@ -640,6 +640,17 @@ def test_attack_keeps_its_bound_and_audit_defends():
     assert any([trainer.step()["filtered"] for _ in range(20)])
 
 
+def test_attack_leaves_numbers_to_its_preset():
+    scene, model = scene_of(), model_of()
+    for left in (0, "preset"):
+        assert sg.Attack(scene, model, iterations=left, inner=1).iterations == 12000
+    steps = [sg.Attack(scene, model, iterations=2, **given).step() for given in
+             ({}, {"inner": "preset"}, {"inner": 25})]
+    assert steps[0] == steps[1] == steps[2]
+    with pytest.raises(sg.UsageError, match="iterations: found 0"):
+        sg.Attack(scene, model, preset="", iterations=0)
+
+
 def test_defense_is_a_bool_or_a_word():
     scene = scene_of()
     few, strong = dict(SHORT, iterations=20), dict(rho=0.3, filter_interval=5)
