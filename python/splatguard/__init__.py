@@ -88,6 +88,14 @@ def _floats(values):
     return _arrays.array("f", values) if isinstance(values, list) else values
 
 
+def _number(value):
+    """A parameter as a float; None where it is not given, or no number, which is refused later."""
+    try:
+        return None if value is None else float(value)
+    except (TypeError, ValueError):
+        return None
+
+
 def _flag(value, what):
     """Checks that an argument is a bool: a text such as "no" would count as true."""
     if not isinstance(value, bool):
@@ -485,9 +493,11 @@ class Trainer:
                 if audit is None and tolerances is None:
                     tolerances = found["tolerances"]
         if audit is not None:
-            found = dict(audit["defense"])
+            tolerance = _number(params.get("tolerance"))
+            found = dict(audit["defense"] if tolerance is None else
+                         _core.automatic(scene._handle, audit, tolerance))
             own = {name: found.pop(name) for name in ("tolerances", "view_weights")}
-            if tolerances is None and "tolerance" not in params:
+            if tolerances is None and params.get("tolerance") is None:
                 tolerances = own["tolerances"]
             view_weights = own["view_weights"] if view_weights is None else view_weights
             params = {**found, **{k.rstrip("_"): v for k, v in params.items()}}

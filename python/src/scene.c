@@ -311,14 +311,13 @@ static PyObject *float_list(const float *values, size_t n)
 }
 
 /* What preset auto makes of it: parameters by the names of options, and numbers of each view.
- * scratch: two floats for each. */
+ * tolerance: that of training. scratch: two floats for each. */
 static PyObject *automatic_dict(const struct sg_audit *audit, const struct sg_scene *scene,
-                                float *scratch)
+                                double tolerance, float *scratch)
 {
     struct sg_defense_params p = sg_defense_params_default();
     const size_t n = scene->n_train;
-    sg_defense_automatic(audit, scene->extent, (double) SG_TOLERANCE_AUTO, scratch, scratch + n,
-                         &p);
+    sg_defense_automatic(audit, scene->extent, tolerance, scratch, scratch + n, &p);
     PyObject *weights = float_list(scratch, n),
              *tolerances = weights ? float_list(scratch + n, n) : NULL,
              *dict = tolerances ? Py_BuildValue("{s:d,s:d,s:d,s:d,s:O,s:O}", "rho", p.rho,
@@ -346,7 +345,8 @@ static PyObject *audit_dict(const struct sg_audit *a, const struct sg_scene *sce
     PyObject *automatic = NULL, *tolerances = NULL;
     if (!scratch)
         PyErr_NoMemory();
-    else if (images && reasons && (automatic = automatic_dict(a, scene, scratch))) {
+    else if (images && reasons &&
+             (automatic = automatic_dict(a, scene, (double) SG_TOLERANCE_AUTO, scratch))) {
         sg_defense_tolerances(a, scratch);
         tolerances = float_list(scratch, scene->n_train);
     }
@@ -375,6 +375,71 @@ static PyObject *audit(PyObject *module, PyObject *args)
     PyObject *dict = audit_dict(result, h->scene);
     sg_audit_destroy(&result);
     return dict;
+}
+
+/* A number of an audit's result, which may have been through a file. */
+static bool take_number(PyObject *dict, const char *key, double *out)
+{
+    PyObject *value = PyMapping_GetItemString(dict, key);
+    *out = value ? PyFloat_AsDouble(value) : 0;
+    Py_XDECREF(value);
+    return !PyErr_Occurred();
+}
+
+/* What preset auto reads of a photo. */
+static bool take_image(PyObject *dict, struct sg_audit_image *out)
+{
+    struct sg_audit_features *f = &out->features;
+    PyObject *features = PyMapping_GetItemString(dict, "features");
+    const bool good = features && take_number(dict, "score", &out->score) &&
+                      take_number(dict, "tau", &out->tau) &&
+                      take_number(dict, "tau_error", &out->tau_error) &&
+                      take_number(features, "osc_down", &f->osc_down) &&
+                      take_number(features, "osc_across", &f->osc_across) &&
+                      take_number(features, "osc_quiet", &f->osc_quiet) &&
+                      take_number(features, "half_osc", &f->half_osc) &&
+                      take_number(features, "quarter_osc", &f->quarter_osc) &&
+                      take_number(features, "content", &f->content);
+    Py_XDECREF(features);
+    return good;
+}
+
+/* scene, the result of its audit, tolerance: its "defense" for a training with this tolerance. */
+static PyObject *automatic(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    PyObject *dict, *result = NULL;
+    struct sg_audit a = {0};
+    double tolerance;
+    if (!PyArg_ParseTuple(args, "O&Od", to_scene, &h, &dict, &tolerance))
+        return NULL;
+    const size_t n = h->scene->n_train;
+    PyObject *images = PyMapping_GetItemString(dict, "images");
+    float *scratch = PyMem_Calloc(2 * n + 1, sizeof(*scratch));
+    a.images = PyMem_Calloc(n + 1, sizeof(*a.images));
+    const Py_ssize_t count = images ? PySequence_Size(images) : -1;
+    bool good = count >= 0 && take_number(dict, "tau", &a.tau) &&
+                take_number(dict, "tau_error", &a.tau_error);
+    if (good && (!scratch || !a.images)) {
+        PyErr_NoMemory();
+        good = false;
+    }
+    if (good && (size_t) count != n) {
+        PyErr_Format(error_type(SG_ERR_USAGE), "audit: found %zd photos, expected %zu", count, n);
+        good = false;
+    }
+    for (; a.count < n && good; a.count++) {
+        PyObject *image = PySequence_GetItem(images, (Py_ssize_t) a.count);
+        good = image && take_image(image, &a.images[a.count]);
+        Py_XDECREF(image);
+    }
+    if (good)
+        result = automatic_dict(&a, h->scene, tolerance, scratch);
+    Py_XDECREF(images);
+    PyMem_Free(scratch);
+    PyMem_Free(a.images);
+    return result;
 }
 
 static int score(sg_ctx *ctx, sg_renderer *r, const struct sg_scene *s, int test,
@@ -455,6 +520,7 @@ PyMethodDef core_scene_methods[] = {{"scene_load", scene_load, METH_VARARGS, NUL
                                     {"scene_pixels", scene_pixels, METH_VARARGS, NULL},
                                     {"scene_points", scene_points, METH_VARARGS, NULL},
                                     {"audit", audit, METH_VARARGS, NULL},
+                                    {"automatic", automatic, METH_VARARGS, NULL},
                                     {"evaluate", evaluate, METH_VARARGS, NULL},
                                     {"camera_path", camera_path, METH_VARARGS, NULL},
                                     {0}};

@@ -596,6 +596,13 @@ def test_what_an_audit_decides(noise):
                 dict(audit=found, tolerances=np.float32(found["defense"]["tolerances"]))):
         model = sg.train(scene, **few, **how)
         assert bytes(model["position"]) == bytes(sg.train(scene, audit=found, **few)["position"])
+    # A tolerance that does not cover what was found leaves the photos to the regulariser.
+    both = [bytes(sg.train(scene, audit=again, tolerance=t, lambda_=weight, **few)["position"])
+            for t in (0, 2, 40) for weight in (1, 6)]
+    assert [both[k] == both[k + 1] for k in (0, 2, 4)] == ([False, False, True] if noise else [True] * 3)
+    for wrong in 300, "much":
+        with pytest.raises(sg.UsageError, match=f"tolerance: found '?{wrong}"):
+            sg.train(scene, audit=found, tolerance=wrong, **few)
     with pytest.raises(ValueError, match="tolerances: found 3 values .* expected 4"):
         sg.train(scene, tolerances=[1.0, 2.0, 3.0], **few)
 
