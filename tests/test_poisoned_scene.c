@@ -327,6 +327,16 @@ static void test_places(void **state)
     assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &files, f->dir), SG_ERR_USAGE);
     assert_true(sg_file_exists(at(f, "sparse/0/cameras.txt")));
 
+    snprintf(folder, sizeof(folder), "%s/new", f->dir);
+    static const int qualities[] = {-1, 0, 101};
+    for (size_t i = 0; i < sizeof(qualities) / sizeof(qualities[0]); i++) {
+        const struct sg_poison_files wrong = {SG_POISON_JPEG, qualities[i], false};
+        assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &wrong, folder), SG_ERR_USAGE);
+        assert_false(sg_dir_exists(folder));
+    }
+    const struct sg_poison_files png = {.save = SG_POISON_PNG};
+    assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &png, folder), SG_OK);
+
     snprintf(folder, sizeof(folder), "%s/out", f->dir);
     put_text(f, "out/images/a.png", "");
     put_text(f, "elsewhere/b.png", "kept");

@@ -136,6 +136,9 @@ static int check_name(sg_ctx *ctx, const char *file)
 int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
                             const struct sg_poison_files *files)
 {
+    if (files->save != SG_POISON_PNG && (files->jpeg_quality < 1 || files->jpeg_quality > 100))
+        return sg_fail(ctx, SG_ERR_USAGE, "files.jpeg_quality: found %d, expected 1 to 100",
+                       files->jpeg_quality);
     const size_t n = scene->n_train + scene->n_test;
     struct image_name *names = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*names));
     int code = names ? SG_OK : SG_ERR_BUDGET;
@@ -394,11 +397,11 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
 {
     static const char *const *const layouts[] = {blender, colmap, own};
     sg_clear_error(ctx);
-    int code = sg_dir_create(ctx, folder);
+    int code = sg_poisoned_scene_check(ctx, scene, files);
+    if (!code)
+        code = sg_dir_create(ctx, folder);
     if (!code)
         code = refuse_scene(ctx, scene, folder);
-    if (!code)
-        code = sg_poisoned_scene_check(ctx, scene, files);
     for (size_t i = 0; i < sizeof(layouts) / sizeof(*layouts) && !code; i++)
         code = remove_cameras(ctx, folder, layouts[i]);
     return code;
