@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* cameras.json: what is written is read back, and what is wrong is named. */
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -113,6 +114,14 @@ static void refused(void **state)
     assert_int_equal(sg_cameras_read_json(f->ctx, at(f, "cameras.json"),
                                           sg_scene_params(.max_images = 1), &views, &n),
                      SG_ERR_INPUT);
+    static const double downscales[] = {0, -2, 65, NAN};
+    for (size_t i = 0; i < sizeof(downscales) / sizeof(downscales[0]); i++) {
+        assert_int_equal(sg_cameras_read_json(f->ctx, at(f, "cameras.json"),
+                                              sg_scene_params(.downscale = downscales[i]), &views,
+                                              &n),
+                         SG_ERR_USAGE);
+        assert_true(!views && !n);
+    }
 }
 
 int main(void)

@@ -120,7 +120,8 @@ SG_API int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, cons
 /* The cameras of such a file, for renders without a scene: views in the order of their names,
  * without photos (rgb, file and path are NULL). params: resolution, downscale, centred_principal,
  * max_pixels and max_images; NULL = the defaults. The caller owns *out, until sg_cameras_destroy.
- * Errors: SG_ERR_INPUT, also for names that repeat or have a "/"; SG_ERR_BUDGET. */
+ * Errors: SG_ERR_USAGE for values out of range; SG_ERR_INPUT, also for names that repeat or have a
+ * "/"; SG_ERR_BUDGET. */
 SG_API int sg_cameras_read_json(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                                 struct sg_view **out, size_t *n);
 SG_API void sg_cameras_destroy(struct sg_view **views, size_t *n); /* sets both to 0 */

@@ -7,6 +7,7 @@
 #include "core/file.h"
 #include "core/json_text.h"
 #include "image/image.h"
+#include "option/option.h"
 #include "scene/cameras.h"
 #include "scene/reader.h"
 #include "splatguard/model.h"
@@ -189,7 +190,8 @@ static int read_list(sg_ctx *ctx, const char *path, const json_t *list,
 int sg_cameras_read_json(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                          struct sg_view **out, size_t *n)
 {
-    const struct sg_scene_params defaults = sg_scene_params_default();
+    const struct sg_scene_params defaults = sg_scene_params_default(),
+                                 *p = params ? params : &defaults;
     json_error_t error = {0};
     json_t *list = NULL;
     void *room = NULL;
@@ -197,14 +199,16 @@ int sg_cameras_read_json(sg_ctx *ctx, const char *path, const struct sg_scene_pa
     size_t size = 0;
     *out = NULL, *n = 0;
     sg_clear_error(ctx);
-    int code = sg_file_read(ctx, path, CAMERAS_BYTES, &text, &size);
+    int code = sg_check_options(ctx, sg_scene_options(), p);
+    if (!code)
+        code = sg_file_read(ctx, path, CAMERAS_BYTES, &text, &size);
     if (!code)
         code = sg_json_reserve(ctx, text, size, &room);
     if (!code && !(list = json_loadb(text, size, JSON_REJECT_DUPLICATES, &error)))
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: %s; expected a list of cameras", path,
                        error.line, error.text);
     if (!code)
-        code = read_list(ctx, path, list, params ? params : &defaults, out, n);
+        code = read_list(ctx, path, list, p, out, n);
     json_decref(list);
     sg_free(room);
     sg_free(text);
