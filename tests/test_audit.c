@@ -304,6 +304,8 @@ static void test_amplitude(void **state)
         before = a->images[0].tau;
         sg_audit_destroy(&a);
     }
+    assert_string_equal(sg_audit_verdict_name(SG_AUDIT_UNSEEN), "unseen");
+    assert_string_equal(sg_audit_verdict_name(SG_AUDIT_VERDICTS), "unknown");
     /* A clean set has none, also where a photo of it does. */
     struct sg_audit *a = audit(ctx, (double[]){8, 0, 0, 0, 0, 0}, 6, false);
     assert_int_equal(a->images[0].verdict, SG_AUDIT_SUSPICIOUS);

@@ -314,6 +314,8 @@ static void test_names(void **state)
     for (int i = 0; i < SG_STAGES; i++)
         assert_true(sg_stage_name((enum sg_stage) i)[0]);
     assert_string_equal(sg_stage_name(SG_STAGES), "unknown");
+    assert_string_equal(sg_mem_tag_name(SG_MEM_TAGS), "total");
+    assert_string_equal(sg_mem_tag_name((enum sg_mem_tag)(SG_MEM_TAGS + 1)), "unknown");
 }
 
 int main(void)

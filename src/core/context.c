@@ -279,7 +279,7 @@ const char *sg_mem_tag_name(enum sg_mem_tag tag)
         [SG_MEM_SPLATS] = "splats", [SG_MEM_INSTANCES] = "instances",
         [SG_MEM_FRAME] = "frame",   [SG_MEM_TAGS] = "total",
     };
-    return names[tag];
+    return tag >= 0 && tag <= SG_MEM_TAGS ? names[tag] : "unknown";
 }
 
 uint64_t sg_mem_wanted(const sg_ctx *ctx)

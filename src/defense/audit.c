@@ -199,8 +199,9 @@ done:
 
 const char *sg_audit_verdict_name(enum sg_audit_verdict verdict)
 {
-    static const char *const names[] = {"clean", "suspicious", "poisoned", "unseen"};
-    return names[verdict];
+    static const char *const names[SG_AUDIT_VERDICTS] = {"clean", "suspicious", "poisoned",
+                                                         "unseen"};
+    return verdict >= 0 && verdict < SG_AUDIT_VERDICTS ? names[verdict] : "unknown";
 }
 
 struct audit_job {
