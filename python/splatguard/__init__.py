@@ -375,17 +375,13 @@ class Model:
         _core.model_activate(self._handle, degree)
 
     def __getitem__(self, field):
-        width = dict(_core.fields(self.sh_degree)).get(field)
-        if width is None:
-            raise KeyError(field)
+        width = dict(_core.fields(self.sh_degree))[field]
         out = _array("f", len(self), width)
         _core.model_field(self._handle, field, out, False)
         return out
 
     def __setitem__(self, field, values):
-        width = dict(_core.fields(self.sh_degree)).get(field)
-        if width is None:
-            raise KeyError(field)
+        width = dict(_core.fields(self.sh_degree))[field]
         _check_rows(values, len(self), width, field)
         _core.model_field(self._handle, field, values, True)
 

@@ -281,16 +281,35 @@ static PyObject *scene_points(PyObject *module, PyObject *args)
 
 /* ---- audit ---- */
 
+/* Features by name: what results of audits have, and what is read back of them. */
+#define FEATURE(name) #name, offsetof(struct sg_audit_features, name)
+static const struct {
+    const char *name;
+    size_t at;
+} feature_list[] = {{FEATURE(tv_down)},       {FEATURE(tv_across)},  {FEATURE(osc_down)},
+                    {FEATURE(osc_across)},    {FEATURE(osc_share)},  {FEATURE(osc_quiet)},
+                    {FEATURE(osc_chroma)},    {FEATURE(noisy)},      {FEATURE(half_quiet)},
+                    {FEATURE(half_osc)},      {FEATURE(half_share)}, {FEATURE(quarter_osc)},
+                    {FEATURE(quarter_share)}, {FEATURE(content)},    {FEATURE(ragged)},
+                    {FEATURE(slope)},         {FEATURE(anisotropy)}};
+#define FEATURES (sizeof(feature_list) / sizeof(feature_list[0]))
+
+static PyObject *features_dict(const struct sg_audit_features *f)
+{
+    PyObject *dict = PyDict_New();
+    for (size_t k = 0; k < FEATURES && dict; k++) {
+        PyObject *value = PyFloat_FromDouble(
+            *(const double *) (const void *) ((const char *) f + feature_list[k].at));
+        if (!value || PyDict_SetItemString(dict, feature_list[k].name, value))
+            Py_CLEAR(dict);
+        Py_XDECREF(value);
+    }
+    return dict;
+}
+
 static PyObject *image_dict(const struct sg_audit_image *i)
 {
-    const struct sg_audit_features *f = &i->features;
-    PyObject *features = Py_BuildValue(
-        "{s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d}", "tv_down",
-        f->tv_down, "tv_across", f->tv_across, "osc_down", f->osc_down, "osc_across", f->osc_across,
-        "osc_share", f->osc_share, "osc_quiet", f->osc_quiet, "osc_chroma", f->osc_chroma, "noisy",
-        f->noisy, "half_quiet", f->half_quiet, "half_osc", f->half_osc, "half_share", f->half_share,
-        "quarter_osc", f->quarter_osc, "quarter_share", f->quarter_share, "content", f->content,
-        "ragged", f->ragged, "slope", f->slope, "anisotropy", f->anisotropy);
+    PyObject *features = features_dict(&i->features);
     PyObject *name = features ? PyUnicode_DecodeFSDefault(i->name) : NULL;
     PyObject *dict =
         name ? Py_BuildValue("{s:O,s:s,s:d,s:d,s:d,s:O}", "name", name, "verdict",
@@ -386,20 +405,15 @@ static bool take_number(PyObject *dict, const char *key, double *out)
     return !PyErr_Occurred();
 }
 
-/* What preset auto reads of a photo. */
 static bool take_image(PyObject *dict, struct sg_audit_image *out)
 {
-    struct sg_audit_features *f = &out->features;
     PyObject *features = PyMapping_GetItemString(dict, "features");
-    const bool good = features && take_number(dict, "score", &out->score) &&
-                      take_number(dict, "tau", &out->tau) &&
-                      take_number(dict, "tau_error", &out->tau_error) &&
-                      take_number(features, "osc_down", &f->osc_down) &&
-                      take_number(features, "osc_across", &f->osc_across) &&
-                      take_number(features, "osc_quiet", &f->osc_quiet) &&
-                      take_number(features, "half_osc", &f->half_osc) &&
-                      take_number(features, "quarter_osc", &f->quarter_osc) &&
-                      take_number(features, "content", &f->content);
+    bool good = features && take_number(dict, "score", &out->score) &&
+                take_number(dict, "tau", &out->tau) &&
+                take_number(dict, "tau_error", &out->tau_error);
+    for (size_t k = 0; k < FEATURES && good; k++)
+        good = take_number(features, feature_list[k].name,
+                           (double *) (void *) ((char *) &out->features + feature_list[k].at));
     Py_XDECREF(features);
     return good;
 }
