@@ -195,7 +195,22 @@ static sg_ctx *cancelled_context(struct cancel *c)
     return ctx;
 }
 
-/* What the context's progress function cancels in a periodic measurement is the run. */
+/* Counts the lines of a log with `text`. */
+static int lines_with(sg_ctx *ctx, const char *folder, const char *text)
+{
+    char path[160], *log;
+    size_t size;
+    int n = 0;
+    snprintf(path, sizeof(path), "%s/log.jsonl", folder);
+    assert_int_equal(sg_file_read(ctx, path, 1 << 20, &log, &size), SG_OK);
+    for (char *line = strtok(log, "\n"); line; line = strtok(NULL, "\n"))
+        n += strstr(line, text) != NULL;
+    sg_free(log);
+    return n;
+}
+
+/* What the context's progress function cancels in a periodic measurement is the run. The resumed
+ * run measures first what the stopped one did not. */
 static void test_cancelled_evaluation(void **state)
 {
     (void) state;
@@ -207,8 +222,11 @@ static void test_cancelled_evaluation(void **state)
     assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
     assert_string_equal(sg_last_error(ctx), "interrupted at iteration 2; saved");
     assert_true(cancel.over && s.iteration == 2 && s.saved == 2 && s.resumable);
+    assert_int_equal(lines_with(ctx, p.folder, "\"test_psnr\""), 0);
     assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_OK);
     assert_int_equal(s.saved, 24);
+    assert_int_equal(lines_with(ctx, p.folder, "\"iteration\":2,\"test_psnr\""), 1);
+    assert_int_equal(lines_with(ctx, p.folder, "\"test_psnr\""), 12);
     sg_ctx_destroy(&ctx);
 }
 

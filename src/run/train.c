@@ -224,6 +224,20 @@ static void after_step(sg_run *r)
     }
 }
 
+/* A checkpoint comes before the measurement due with it, within which a process may have ended. */
+static void measure_missed(sg_run *r)
+{
+    const struct sg_run_params *p = &r->params;
+    const int it = sg_trainer_iteration(r->trainer);
+    if (!r->resume || r->stopped || it >= p->train.iterations || it == r->evaluated)
+        return;
+    if (!p->scene.eval || !p->eval_every || !sg_due(it - 1, it, p->eval_every))
+        return;
+    const int code = measure(r, false);
+    if (!was_cancelled(r, code))
+        note_error(r, code);
+}
+
 /* The training cannot continue. Saves the model so far. The checkpoint stays as it is, since this
  * iteration is half done. */
 static int end_early(sg_run *r, int error)
@@ -308,6 +322,7 @@ int sg_run_train(sg_run *r)
     if (!r->first_gaussians)
         r->first_gaussians = sg_trainer_gaussians(r->trainer);
     r->window_from = sg_trainer_iteration(r->trainer);
+    measure_missed(r);
     int code = loop(r);
     if (!code && !r->ended_by)
         code = finish(r);

@@ -52,7 +52,7 @@ struct sg_run {
     int checkpoint;           /* and of the newest checkpoint */
     struct sg_eval eval;      /* newest measurement */
     const char *corrected_by; /* its corrected values, or NULL: it has none */
-    int evaluated;            /* its iteration, 0 = none */
+    int evaluated;            /* iteration of the newest in the log, 0 = none */
 };
 
 /* In the folder of an attack that is claimed already, if nested. */

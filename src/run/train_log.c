@@ -62,6 +62,8 @@ static bool take(void *arg, const json_t *line)
         r->first_gaussians = (size_t) json_integer_value(json_object_get(line, "gaussians"));
     if (json_object_get(line, "train_seconds"))
         r->logged = (int) json_integer_value(iteration);
+    if (json_object_get(line, "test_psnr"))
+        r->evaluated = (int) json_integer_value(iteration);
     return true;
 }
 
