@@ -119,6 +119,15 @@ static void test_cameras(void **state)
         assert_int_equal(sg_render(r, &c, rgb, NULL, NULL, NULL), SG_ERR_USAGE);
         assert_non_null(strstr(sg_last_error(ctx), "R that is off a rotation by"));
     }
+    for (int wrong = 0; wrong < 7; wrong++) {
+        struct sg_camera c = good;
+        double *const value[] = {&c.fx, &c.fy, &c.cx, &c.cy, &c.t[0], &c.t[1], &c.t[2]};
+        for (int k = 0; k < 3; k++) {
+            *value[wrong] = (const double[]){(double) NAN, (double) -INFINITY, 1e13}[k];
+            assert_int_equal(sg_render(r, &c, rgb, NULL, NULL, NULL), SG_ERR_USAGE);
+            assert_memory_equal(sg_last_error(ctx), "render: camera.", 15);
+        }
+    }
     /* What a scene's file may have is drawn: poses that are off by nearly 1e-2 in all places. */
     for (int signs = 0; signs < 8; signs++) {
         const double a = signs & 1 ? 4.9e-3 : -4.9e-3, b = signs & 2 ? 4.9e-3 : -4.9e-3,

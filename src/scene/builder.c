@@ -14,7 +14,6 @@
 #include "scene/reader.h"
 
 #define NAME_MAX_BYTES 255
-#define FOCAL_MIN 1e-6
 #define GREY 127
 #define KEPT_SHARE 4 /* lazy photos may keep a quarter of the context's memory limit */
 
@@ -153,55 +152,17 @@ static int check_name(const sg_scene_builder *b, const char *name)
     return SG_OK;
 }
 
-static int check_side(const sg_scene_builder *b, const char *name, const char *field, int side)
-{
-    if (side >= 1 && side <= SG_SIDE_MAX)
-        return SG_OK;
-    return sg_fail(b->ctx, SG_ERR_USAGE,
-                   "view %zu \"%s\": camera.%s: found %d, expected 1 to %d pixels", b->count, name,
-                   field, side, SG_SIDE_MAX);
-}
-
-static int check_rotation(const sg_scene_builder *b, const char *name, const double R[9])
-{
-    double det;
-    const double worst = sg_rotation_error(R, &det);
-    if (worst < SG_ROTATION_ERROR && det > 0)
-        return SG_OK;
-    return sg_fail(b->ctx, SG_ERR_USAGE,
-                   "view %zu \"%s\": camera.R: found a matrix that is off a rotation by %g "
-                   "(determinant %g), expected one within %g",
-                   b->count, name, worst, det, SG_ROTATION_ERROR);
-}
-
 static int check_camera(const sg_scene_builder *b, const char *name, const struct sg_camera *c)
 {
-    int code;
-    if ((code = check_side(b, name, "width", c->width)) ||
-        (code = check_side(b, name, "height", c->height)))
+    char where[NAME_MAX_BYTES + 64];
+    snprintf(where, sizeof(where), "view %zu \"%s\"", b->count, name);
+    const int code = sg_camera_check(b->ctx, c, where);
+    if (code || (uint64_t) c->width * (uint64_t) c->height <= b->params.max_pixels)
         return code;
-    if ((uint64_t) c->width * (uint64_t) c->height > b->params.max_pixels)
-        return sg_fail(b->ctx, SG_ERR_USAGE,
-                       "view %zu \"%s\": camera.width, camera.height: found %d x %d, expected at "
-                       "most %llu pixels (max_pixels)",
-                       b->count, name, c->width, c->height,
-                       (unsigned long long) b->params.max_pixels);
-    const struct {
-        const char *field;
-        double value, low, high;
-    } numbers[] = {
-        {"fx", c->fx, FOCAL_MIN, SG_LENS_MAX},        {"fy", c->fy, FOCAL_MIN, SG_LENS_MAX},
-        {"cx", c->cx, -SG_LENS_MAX, SG_LENS_MAX},     {"cy", c->cy, -SG_LENS_MAX, SG_LENS_MAX},
-        {"t[0]", c->t[0], -SG_POSE_MAX, SG_POSE_MAX}, {"t[1]", c->t[1], -SG_POSE_MAX, SG_POSE_MAX},
-        {"t[2]", c->t[2], -SG_POSE_MAX, SG_POSE_MAX},
-    };
-    for (size_t i = 0; i < sizeof(numbers) / sizeof(*numbers); i++)
-        if (!(numbers[i].value >= numbers[i].low && numbers[i].value <= numbers[i].high))
-            return sg_fail(b->ctx, SG_ERR_USAGE,
-                           "view %zu \"%s\": camera.%s: found %g, expected %g to %g", b->count,
-                           name, numbers[i].field, numbers[i].value, numbers[i].low,
-                           numbers[i].high);
-    return check_rotation(b, name, c->R);
+    return sg_fail(b->ctx, SG_ERR_USAGE,
+                   "%s: camera.width, camera.height: found %d x %d, expected at most %llu pixels "
+                   "(max_pixels)",
+                   where, c->width, c->height, (unsigned long long) b->params.max_pixels);
 }
 
 static int check_stride(const sg_scene_builder *b, const char *name, const char *field,

@@ -2,6 +2,7 @@
 #include "splatguard/path.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -321,24 +322,6 @@ static int interpolate(sg_ctx *ctx, const double (*keys)[7], size_t n, size_t fr
 
 /* ---- both ---- */
 
-static int check(sg_ctx *ctx, size_t i, const struct sg_camera *c)
-{
-    double determinant;
-    const double off = sg_rotation_error(c->R, &determinant);
-    bool good = off < SG_ROTATION_ERROR && determinant > 0 && c->width >= 1 && c->height >= 1 &&
-                c->width <= SG_SIDE_MAX && c->height <= SG_SIDE_MAX && c->fx > 0 && c->fy > 0 &&
-                isfinite(c->fx) && isfinite(c->fy) && isfinite(c->cx) && isfinite(c->cy);
-    for (int k = 0; k < 3; k++)
-        good = good && fabs(c->t[k]) <= SG_POSE_MAX;
-    if (good)
-        return SG_OK;
-    return sg_fail(
-        ctx, SG_ERR_USAGE,
-        "path: camera %zu: found %d x %d pixels, focal lengths %g, %g, t %g %g %g, R off "
-        "a rotation by %g, expected a usable camera",
-        i, c->width, c->height, c->fx, c->fy, c->t[0], c->t[1], c->t[2], off);
-}
-
 int sg_camera_path(sg_ctx *ctx, enum sg_path_kind kind, const struct sg_camera *cameras, size_t n,
                    size_t frames, struct sg_camera *out)
 {
@@ -349,8 +332,11 @@ int sg_camera_path(sg_ctx *ctx, enum sg_path_kind kind, const struct sg_camera *
                        "least one of each",
                        (int) kind, n, frames);
     int code = SG_OK;
-    for (size_t i = 0; i < n && !code; i++)
-        code = check(ctx, i, &cameras[i]);
+    for (size_t i = 0; i < n && !code; i++) {
+        char where[40];
+        snprintf(where, sizeof(where), "path: camera %zu", i);
+        code = sg_camera_check(ctx, &cameras[i], where);
+    }
     if (code)
         return code;
     for (size_t i = 0; i < frames; i++)

@@ -111,22 +111,9 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
               float *depth, struct sg_render_stats *stats)
 {
     sg_clear_error(r->ctx);
-    if (camera->width < 1 || camera->height < 1 || camera->width > SG_SIDE_MAX ||
-        camera->height > SG_SIDE_MAX)
-        return sg_fail(r->ctx, SG_ERR_USAGE,
-                       "render: found an image of %d x %d, expected sides of 1 to %d",
-                       camera->width, camera->height, SG_SIDE_MAX);
-    if (!(camera->fx > 0) || !(camera->fy > 0))
-        return sg_fail(r->ctx, SG_ERR_USAGE,
-                       "render: found focal lengths %g and %g, expected positive ones", camera->fx,
-                       camera->fy);
-    double determinant;
-    const double off = sg_rotation_error(camera->R, &determinant);
-    if (!(off < SG_ROTATION_ERROR) || !(determinant > 0))
-        return sg_fail(r->ctx, SG_ERR_USAGE,
-                       "render: found a matrix R that is off a rotation by %g (determinant %g), "
-                       "expected one within %g",
-                       off, determinant, SG_ROTATION_ERROR);
+    int code = sg_camera_check(r->ctx, camera, "render");
+    if (code)
+        return code;
     struct sg_render_params params = r->params;
     if (params.appearance == SG_APPEARANCE_INDEX && r->index <= INT_MAX)
         params.appearance = (int) r->index;
@@ -134,7 +121,7 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
         params.appearance = (int) r->photo;
     if (r->borrowed) /* renders of a borrowed engine do not count in the owner's times */
         sg_engine_stop_clocks(r->engine, true);
-    int code = sg_engine_draw(r->engine, camera, r->degree, &params, alpha || depth);
+    code = sg_engine_draw(r->engine, camera, r->degree, &params, alpha || depth);
     if (!code)
         code = sg_engine_read_image(r->engine, rgb, alpha, depth);
     struct sg_step step;
