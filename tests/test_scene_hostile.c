@@ -371,6 +371,7 @@ static void colmap_text(void **state)
         {"1 FOV 20 10 30 30 10 5 9\n", good_image, "", "omega"},
         {"-1 PINHOLE 20 10 30 30 10 5\n", good_image, "", "cameras.txt: line 1"},
         {"1 PINHOLE 99999999999999999999 10 30 30 10 5\n", good_image, "", "cameras.txt: line 1"},
+        {"1 PINHOLE 2 1 9e6 9e6 1 0.5\n", good_image, "", "a.png: camera.fx: found 9e+07"},
         {"", good_image, "", "no camera"},
         {good_camera, "1 1 0 0 0 0 0 0 1\n\n", "",
          "images.txt: line 1: found \"1 1 0 0 0 0 0 0 1\", expected ID QW"},

@@ -9,10 +9,10 @@
  * centre of the top-left pixel is (0.5, 0.5), as in COLMAP. */
 struct sg_camera {
     int width, height; /* pixels, 1..SG_SIDE_MAX */
-    double fx, fy;     /* > 0 */
-    double cx, cy;     /* width/2, height/2 when centred */
-    double R[9];       /* row-major rotation */
-    double t[3];
+    double fx, fy;     /* 1e-6..1e7 */
+    double cx, cy;     /* -1e7..1e7; width/2, height/2 when centred */
+    double R[9];       /* row-major rotation, to within 0.05 */
+    double t[3];       /* -1e12..1e12 */
 };
 
 #endif

@@ -79,9 +79,8 @@ SG_API void sg_renderer_set_photo(sg_renderer *renderer, size_t photo);
 
 /* Renders one view. rgb: 3 planes of height x width floats, not clamped. alpha, depth: one plane
  * each, or NULL. depth is the alpha-weighted sum of z in camera space; divide it by alpha for the
- * mean. stats may be NULL. Errors: SG_ERR_USAGE for a camera with a side outside 1..SG_SIDE_MAX, a
- * focal length that is not positive, a number that is not finite or is huge, or a matrix R that is
- * no rotation, SG_ERR_BUDGET. */
+ * mean. stats may be NULL. Errors: SG_ERR_USAGE for a camera with values out of range,
+ * SG_ERR_BUDGET. */
 SG_API int sg_render(sg_renderer *renderer, const struct sg_camera *camera, float *rgb,
                      float *alpha, float *depth, struct sg_render_stats *stats);
 

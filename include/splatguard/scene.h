@@ -152,8 +152,6 @@ struct sg_view_desc {
     /* 1..255 bytes without "/" and control characters; distinct within the training views and
      * within the test views. */
     const char *name;
-    /* fx, fy: 1e-6..1e7; cx, cy: -1e7..1e7, (0, 0) is the top-left corner of the image; R: a
-     * rotation to within 0.05; t: -1e12..1e12. */
     struct sg_camera camera;
     const uint8_t *rgb;  /* camera.height rows of camera.width x 3 sRGB bytes */
     size_t rgb_stride;   /* bytes from row to row; 0 = 3 x camera.width. Default 0. */

@@ -156,7 +156,7 @@ static int check_camera(const sg_scene_builder *b, const char *name, const struc
 {
     char where[NAME_MAX_BYTES + 64];
     snprintf(where, sizeof(where), "view %zu \"%s\"", b->count, name);
-    const int code = sg_camera_check(b->ctx, c, where);
+    const int code = sg_camera_check(b->ctx, c, SG_ERR_USAGE, where);
     if (code || (uint64_t) c->width * (uint64_t) c->height <= b->params.max_pixels)
         return code;
     return sg_fail(b->ctx, SG_ERR_USAGE,

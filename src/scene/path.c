@@ -335,7 +335,7 @@ int sg_camera_path(sg_ctx *ctx, enum sg_path_kind kind, const struct sg_camera *
     for (size_t i = 0; i < n && !code; i++) {
         char where[40];
         snprintf(where, sizeof(where), "path: camera %zu", i);
-        code = sg_camera_check(ctx, &cameras[i], where);
+        code = sg_camera_check(ctx, &cameras[i], SG_ERR_USAGE, where);
     }
     if (code)
         return code;

@@ -7,7 +7,8 @@
 #include "core/folder.h"
 #include "splatguard/scene.h"
 
-#define SG_LENS_MAX 1e7 /* pixels; beyond this a focal length or principal point is noise */
+#define SG_FOCAL_MIN 1e-6 /* pixels */
+#define SG_LENS_MAX 1e7   /* pixels; beyond this a focal length or principal point is noise */
 /* Scene units, so that squared distances stay finite in single precision products. */
 #define SG_POSE_MAX 1e12
 
@@ -93,8 +94,8 @@ int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where);
 double sg_rotation_error(const double m[9], double *determinant);
 /* The most in a camera: a pose in a file is off by at most 1e-2, and its inverse by 3.1e-2. */
 #define SG_ROTATION_ERROR 5e-2
-/* Whether a view can be drawn with a caller's camera; else SG_ERR_USAGE. */
-int sg_camera_check(sg_ctx *ctx, const struct sg_camera *camera, const char *where);
+/* Whether views can be drawn with a camera; else `error`, for which where starts the message. */
+int sg_camera_check(sg_ctx *ctx, const struct sg_camera *camera, int error, const char *where);
 /* From a camera-to-world matrix with OpenGL axes (y up, z backward), row-major 4x4. */
 int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, double R[9],
                         double t[3]);

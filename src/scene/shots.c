@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The list of shots, and the checks every format needs: names, poses, lenses. */
-#include <float.h>
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
@@ -222,32 +221,27 @@ double sg_rotation_error(const double m[9], double *determinant)
     return worst;
 }
 
-/* What readers let pass: a lens may be scaled from one pixel to a whole photo, a position turned.
- */
-#define FOCAL_MAX (SG_LENS_MAX * SG_SIDE_MAX)
-#define T_MAX (2 * SG_POSE_MAX)
-
-int sg_camera_check(sg_ctx *ctx, const struct sg_camera *c, const char *where)
+int sg_camera_check(sg_ctx *ctx, const struct sg_camera *c, int error, const char *where)
 {
     const struct {
         const char *field;
         double value, low, high;
     } numbers[] = {
-        {"width", c->width, 1, SG_SIDE_MAX},  {"height", c->height, 1, SG_SIDE_MAX},
-        {"fx", c->fx, DBL_MIN, FOCAL_MAX},    {"fy", c->fy, DBL_MIN, FOCAL_MAX},
-        {"cx", c->cx, -FOCAL_MAX, FOCAL_MAX}, {"cy", c->cy, -FOCAL_MAX, FOCAL_MAX},
-        {"t[0]", c->t[0], -T_MAX, T_MAX},     {"t[1]", c->t[1], -T_MAX, T_MAX},
-        {"t[2]", c->t[2], -T_MAX, T_MAX},
+        {"width", c->width, 1, SG_SIDE_MAX},          {"height", c->height, 1, SG_SIDE_MAX},
+        {"fx", c->fx, SG_FOCAL_MIN, SG_LENS_MAX},     {"fy", c->fy, SG_FOCAL_MIN, SG_LENS_MAX},
+        {"cx", c->cx, -SG_LENS_MAX, SG_LENS_MAX},     {"cy", c->cy, -SG_LENS_MAX, SG_LENS_MAX},
+        {"t[0]", c->t[0], -SG_POSE_MAX, SG_POSE_MAX}, {"t[1]", c->t[1], -SG_POSE_MAX, SG_POSE_MAX},
+        {"t[2]", c->t[2], -SG_POSE_MAX, SG_POSE_MAX},
     };
     for (size_t i = 0; i < sizeof(numbers) / sizeof(*numbers); i++)
         if (!(numbers[i].value >= numbers[i].low && numbers[i].value <= numbers[i].high))
-            return sg_fail(ctx, SG_ERR_USAGE, "%s: camera.%s: found %g, expected %g to %g", where,
+            return sg_fail(ctx, error, "%s: camera.%s: found %g, expected %g to %g", where,
                            numbers[i].field, numbers[i].value, numbers[i].low, numbers[i].high);
     double determinant;
     const double off = sg_rotation_error(c->R, &determinant);
     if (off < SG_ROTATION_ERROR && determinant > 0)
         return SG_OK;
-    return sg_fail(ctx, SG_ERR_USAGE,
+    return sg_fail(ctx, error,
                    "%s: camera.R: found a matrix R that is off a rotation by %g (determinant %g), "
                    "expected one within %g",
                    where, off, determinant, SG_ROTATION_ERROR);

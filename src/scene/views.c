@@ -100,7 +100,8 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
     lens->cy = lens->has_principal ? lens->cy * sy : height / 2.0;
     lens->width = width;
     lens->height = height;
-    if (!(lens->fx > 1e-6) || !(lens->fy > 1e-6) || !(lens->fx < 1e12) || !(lens->fy < 1e12))
+    if (!(lens->fx > SG_FOCAL_MIN) || !(lens->fy > SG_FOCAL_MIN) || !(lens->fx < 1e12) ||
+        !(lens->fy < 1e12))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found focal lengths %g, %g pixels, expected usable ones", shot->path,
                        lens->fx, lens->fy);
@@ -222,16 +223,16 @@ static int undistort_view(sg_ctx *ctx, const struct sg_shot *shot, const struct 
 }
 
 /* Of a photo of the lens' size that becomes w x h pixels. */
-static struct sg_camera camera_of(const struct sg_scene_params *params, const struct sg_shot *shot,
-                                  const struct sg_lens *lens, int w, int h)
+static int set_camera(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shot *shot,
+                      const struct sg_lens *lens, int w, int h, struct sg_camera *c)
 {
     const double sx = (double) w / lens->width, sy = (double) h / lens->height;
-    struct sg_camera c = {.width = w, .height = h, .fx = lens->fx * sx, .fy = lens->fy * sy};
-    c.cx = params->centred_principal ? w / 2.0 : lens->cx * sx;
-    c.cy = params->centred_principal ? h / 2.0 : lens->cy * sy;
-    memcpy(c.R, shot->R, sizeof(shot->R));
-    memcpy(c.t, shot->t, sizeof(shot->t));
-    return c;
+    *c = (struct sg_camera){.width = w, .height = h, .fx = lens->fx * sx, .fy = lens->fy * sy};
+    c->cx = params->centred_principal ? w / 2.0 : lens->cx * sx;
+    c->cy = params->centred_principal ? h / 2.0 : lens->cy * sy;
+    memcpy(c->R, shot->R, sizeof(shot->R));
+    memcpy(c->t, shot->t, sizeof(shot->t));
+    return sg_camera_check(ctx, c, SG_ERR_INPUT, shot->path);
 }
 
 int sg_view_place(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shot *shot,
@@ -242,9 +243,7 @@ int sg_view_place(sg_ctx *ctx, const struct sg_scene_params *params, const struc
     int w = 0, h = 0, code = target_size(ctx, params, shot->path, width, height, &w, &h);
     if (!code)
         code = fit_lens(ctx, shot, width, height, &lens);
-    if (!code)
-        view->camera = camera_of(params, shot, &lens, w, h);
-    return code;
+    return code ? code : set_camera(ctx, params, shot, &lens, w, h, &view->camera);
 }
 
 static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view, int w, int h)
@@ -328,7 +327,8 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
     if (params->smooth && shot->split != SG_SPLIT_TEST &&
         (code = smooth(ctx, params->smooth, view, w, h)))
         goto done;
-    view->camera = camera_of(params, shot, &lens, w, h);
+    if ((code = set_camera(ctx, params, shot, &lens, w, h, &view->camera)))
+        goto done;
     view->hash = sg_view_hash(view);
 done:
     sg_image_clear(&image);

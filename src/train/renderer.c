@@ -111,7 +111,7 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
               float *depth, struct sg_render_stats *stats)
 {
     sg_clear_error(r->ctx);
-    int code = sg_camera_check(r->ctx, camera, "render");
+    int code = sg_camera_check(r->ctx, camera, SG_ERR_USAGE, "render");
     if (code)
         return code;
     struct sg_render_params params = r->params;
