@@ -493,6 +493,10 @@ static void pictures_in_memory(void **state)
             sg_picture_encode(f->ctx, (enum sg_picture_format) k, rgb, 0, 24, &data, &size),
             SG_ERR_USAGE);
         assert_null(data);
+        assert_int_equal(
+            sg_picture_encode(f->ctx, (enum sg_picture_format)(2 + k), rgb, 32, 24, &data, &size),
+            SG_ERR_USAGE);
+        assert_null(data);
     }
     assert_int_equal(sg_mem_current(f->ctx, SG_MEM_TAGS), held);
 }

@@ -334,6 +334,9 @@ static void test_places(void **state)
         assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &wrong, folder), SG_ERR_USAGE);
         assert_false(sg_dir_exists(folder));
     }
+    const struct sg_poison_files unknown = {(enum sg_poison_save) 3, 75, false};
+    assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &unknown, folder), SG_ERR_USAGE);
+    assert_false(sg_dir_exists(folder));
     const struct sg_poison_files png = {.save = SG_POISON_PNG};
     assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &png, folder), SG_OK);
 
@@ -403,6 +406,9 @@ static void test_naive(void **state)
     assert_int_equal(sg_attack_naive(f->ctx, &view, 5, sg_attack_params(), SG_NAIVE_NOISE, out),
                      SG_OK);
     assert_memory_not_equal(out, again, sizeof(out));
+    assert_int_equal(
+        sg_attack_naive(f->ctx, &view, 4, sg_attack_params(), (enum sg_naive_attack) 3, out),
+        SG_ERR_USAGE);
 }
 
 int main(void)

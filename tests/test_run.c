@@ -289,6 +289,7 @@ static void test_folders(void **state)
     assert_int_equal(sg_output_claim(ctx, at("pictures"), "pictures", true, NULL, &output), SG_OK);
     sg_output_release(&output);
     assert_int_equal(access(at("pictures"), F_OK), -1);
+    assert_int_equal(sg_output_check_file(ctx, ""), SG_ERR_INPUT);
     sg_ctx_destroy(&ctx);
 }
 

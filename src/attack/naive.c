@@ -102,6 +102,9 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index,
     int code = sg_attack_check(ctx, &p);
     if (code)
         return code;
+    if ((unsigned) method > SG_NAIVE_DRIFT)
+        return sg_fail(ctx, SG_ERR_USAGE, "method: found %d, expected one of enum sg_naive_attack",
+                       (int) method);
     if (!(p.epsilon >= 0 && p.epsilon <= 1))
         return sg_fail(ctx, SG_ERR_USAGE,
                        "epsilon: found %g, expected 0 to 255 grey levels for this method",

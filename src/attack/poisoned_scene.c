@@ -136,6 +136,10 @@ static int check_name(sg_ctx *ctx, const char *file)
 int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
                             const struct sg_poison_files *files)
 {
+    if ((unsigned) files->save > SG_POISON_JPEG)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "files.save: found %d, expected one of enum sg_poison_save",
+                       (int) files->save);
     if (files->save != SG_POISON_PNG && (files->jpeg_quality < 1 || files->jpeg_quality > 100))
         return sg_fail(ctx, SG_ERR_USAGE, "files.jpeg_quality: found %d, expected 1 to 100",
                        files->jpeg_quality);

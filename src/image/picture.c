@@ -50,6 +50,10 @@ int sg_picture_encode(sg_ctx *ctx, enum sg_picture_format format, const uint8_t 
     const int code = check_size(ctx, width, height);
     if (code)
         return code;
+    if ((unsigned) format > SG_PICTURE_JPEG)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "picture: found format %d, expected one of enum sg_picture_format",
+                       (int) format);
     return format == SG_PICTURE_JPEG
                ? sg_image_encode_jpeg(ctx, pixels, width, height, 90, true, out, size)
                : sg_image_encode_png(ctx, pixels, width, height, 3, out, size);

@@ -362,6 +362,8 @@ int sg_output_check_replaced(sg_ctx *ctx, const char *path)
 
 int sg_output_check_file(sg_ctx *ctx, const char *path)
 {
+    if (!*path)
+        return sg_fail(ctx, SG_ERR_INPUT, "output: found an empty name, expected that of a file");
     const char *slash = strrchr(path, '/');
     char *folder = slash == path ? sg_strdup(ctx, "/")
                    : slash       ? sg_strf(ctx, "%.*s", (int) (slash - path), path)
