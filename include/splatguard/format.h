@@ -37,9 +37,9 @@ SG_API int sg_model_read(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
                          struct sg_model **out);
 
 /* The same, and anchors of Scaffold-GS (SG_MODEL_SCAFFOLD) as a training writes them: a PLY file,
- * and networks.safetensors beside it. A renderer draws such a model; sg_model_write_ply,
- * sg_model_gaussians, sg_model_destroy, and sg_attack_create with SG_ATTACK_SCAFFOLD take it too,
- * and nothing else does. */
+ * and networks.safetensors beside it. A renderer draws such a model. sg_model_write_ply,
+ * sg_model_gaussians, sg_model_appearances, sg_model_bake and sg_model_destroy take it too, and so
+ * does sg_attack_create with SG_ATTACK_SCAFFOLD. Other functions are for models of Gaussians. */
 SG_API int sg_model_read_drawable(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
                                   struct sg_model **out);
 
