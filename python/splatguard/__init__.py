@@ -107,7 +107,8 @@ class Context(_core.Context):
     """Threads, memory limit, log and progress.
 
     threads: worker threads, 0 = one per CPU; results do not depend on it.
-    max_memory: bytes that may be allocated at once, 0 = no limit; beyond it calls raise BudgetError.
+    max_memory: bytes that may be allocated at once, 0 = no limit; beyond it calls raise
+    BudgetError.
     max_vram: likewise of the memory of a device, 0 = nine tenths of what is free.
     log: called as log(level, message) with level 0 = warning, 1 = info, 2 = debug; on any thread.
     log_level: the most detailed level that is sent.
@@ -271,9 +272,9 @@ class Scene:
             count = _shape_rows(points, "points")
             if colors is not None and _shape_rows(colors, "colors") != count:
                 raise UsageError("colors: expected as many rows as points")
-        handle = _core.scene_build(context, params, (_expect(view, View, "views")._tuple() for view in views), points,
-                                   colors, count, keep_photos, _flag(eval, "eval"),
-                                   _flag(untrained, "untrained"))
+        tuples = (_expect(view, View, "views")._tuple() for view in views)
+        handle = _core.scene_build(context, params, tuples, points, colors, count, keep_photos,
+                                   _flag(eval, "eval"), _flag(untrained, "untrained"))
         return cls(handle, context)
 
     def points(self):
@@ -442,13 +443,48 @@ class Renderer:
 
     def backward(self, gradient):
         """Gradients of a scalar L: from dL/dcolor (3 x height x width floats) of the view that
-        render() drew last, since which evaluate() has not drawn any, to a Model whose fields are dL/d of each parameter as stored."""
+        render() drew last, since which evaluate() has not drawn any, to a Model whose fields are
+        dL/d of each parameter as stored."""
         shape = memoryview(gradient).shape
         if self._drawn and len(shape) > 1 and shape[-3:] != self._drawn:
             raise UsageError(f"gradient: found an array of shape {shape}, expected {self._drawn}")
         out = Model(*self._shape, context=self.context)
         _core.render_backward(self._handle, gradient, out._handle)
         return out
+
+
+def _look(scene, audit, params):
+    """The audit that the defense follows, or None, and the tolerances of tolerance="auto" without
+    such an audit, or None. Takes "auto" out of params."""
+    automatic = params.get("tolerance") == "auto"
+    if isinstance(audit, dict) and "defense" in audit:
+        if automatic:
+            del params["tolerance"]
+        return audit, None
+    if audit not in (None, "defend", "refuse"):
+        raise UsageError(f"audit: found {audit!r}, expected a result of audit(scene), "
+                         '"defend" or "refuse"')
+    if audit is None and not automatic:
+        return None, None
+    found = _core.audit(scene._handle)
+    if audit == "refuse" and found["verdict"] == "poisoned":
+        raise PoisonedError(f"found poisoned photos (score {found['score']:.3f}), "
+                            "expected clean ones")
+    if automatic:
+        del params["tolerance"]
+    if audit == "defend" and found["verdict"] != "clean":
+        return found, None
+    return None, found["tolerances"] if automatic else None
+
+
+def _defended(scene, audit, params):
+    """Parameters of the defense by an audit, under those that the caller gives; and its lists of
+    numbers per view."""
+    tolerance = _number(params.get("tolerance"))
+    found = dict(audit["defense"] if tolerance is None else
+                 _core.automatic(scene._handle, audit, tolerance))
+    own = {name: found.pop(name) for name in ("tolerances", "view_weights")}
+    return {**found, **{name.rstrip("_"): value for name, value in params.items()}}, own
 
 
 class Trainer:
@@ -462,47 +498,32 @@ class Trainer:
     tolerances, view_weights: a list or float32 array with a number per training view. defense: True
     or "spectral" turns the spectral defense on, False or "off" (with no audit that would turn it
     on) leaves it off. params: see options("train"), and defense_preset. What has no effect beside
-    the others, such as rho without a defense, is refused.
+    the others, such as rho without a defense, is refused. iterations: how many a whole training
+    has.
     """
 
     def __init__(self, scene, initial=None, resume=None, audit=None, tolerances=None,
                  view_weights=None, defense=None, **params):
         self.scene, self.context = _expect(scene, Scene, "scene"), scene.context
-        if audit not in (None, "defend", "refuse") and not (isinstance(audit, dict) and "defense" in audit):
-            raise UsageError(f'audit: found {audit!r}, expected a result of audit(scene), "defend" or "refuse"')
         if initial is not None and resume is not None:
             raise UsageError("initial: found with resume, which has a model, expected one of both")
-        automatic = params.get("tolerance") == "auto"
         if audit not in (None, "refuse") and defense in (False, "off"):
             raise UsageError("defense: found off, expected no audit that turns it on with it")
         audited = audit == "defend"
-        if isinstance(audit, str) or automatic:
-            found = audit if isinstance(audit, dict) else _core.audit(scene._handle)
-            if audit == "refuse" and found["verdict"] == "poisoned":
-                raise PoisonedError(f"found poisoned photos (score {found['score']:.3f}), expected clean ones")
-            if audit == "refuse" or (audit == "defend" and found["verdict"] == "clean"):
-                audit = None
-            elif audit == "defend":
-                audit = found
-            if automatic:
-                del params["tolerance"]
-                if audit is None and tolerances is None:
-                    tolerances = found["tolerances"]
+        audit, automatic = _look(scene, audit, params)
+        tolerances = automatic if tolerances is None else tolerances
         if audit is not None:
-            tolerance = _number(params.get("tolerance"))
-            found = dict(audit["defense"] if tolerance is None else
-                         _core.automatic(scene._handle, audit, tolerance))
-            own = {name: found.pop(name) for name in ("tolerances", "view_weights")}
+            params, own = _defended(scene, audit, params)
             if tolerances is None and params.get("tolerance") is None:
                 tolerances = own["tolerances"]
             view_weights = own["view_weights"] if view_weights is None else view_weights
-            params = {**found, **{k.rstrip("_"): v for k, v in params.items()}}
             defense = True if defense is None else defense
         if defense is not None:
             params["defense"] = defense
         model = None if initial is None else _expect(initial, Model, "initial")._handle
-        self._handle = _core.trainer_new(scene._handle, model, params, _floats(tolerances),
-                                         _floats(view_weights), audited, resume)
+        self._handle, self.iterations = _core.trainer_new(
+            scene._handle, model, params, _floats(tolerances), _floats(view_weights), audited,
+            resume)
 
     def step(self):
         """Runs one iteration. Returns a dict: iteration, view (index into scene.train), loss, l1,
@@ -540,13 +561,11 @@ def train(scene, callback=None, save=None, **params):
     that train(scene, resume=save, ...) continues. Other arguments: see Trainer.
     """
     trainer = Trainer(scene, **params)
-    last = params.get("iterations")
-    last = 30000 if last is None else int(last)
-    if trainer.iteration > last:
-        raise UsageError(f"iterations: found {last}, expected at least {trainer.iteration}, those of "
-                         "the saved training")
+    if trainer.iteration > trainer.iterations:
+        raise UsageError(f"iterations: found {trainer.iterations}, expected at least "
+                         f"{trainer.iteration}, those of the saved training")
     try:
-        while trainer.iteration < last:
+        while trainer.iteration < trainer.iterations:
             step = trainer.step()
             if callback is not None and callback(step):
                 break
@@ -560,9 +579,9 @@ def train(scene, callback=None, save=None, **params):
 def evaluate(model, scene, split="test", match_colors=False, fps=False, **params):
     """PSNR (dB) and SSIM of a Model, or of a Renderer, on the views of a split, without masked
     pixels: {psnr, ssim, views: [{name, psnr, ssim}]}, and what is asked for: fps, corrected_psnr,
-    corrected_ssim. match_colors: also after matching the colours of renders and photos. Renders have the appearance
-    that params ask for, also where a test photo has one of its own. fps: measures frames per
-    second. params: of Renderer, for a Model."""
+    corrected_ssim. match_colors: also after matching the colours of renders and photos. Renders
+    have the appearance that params ask for, also where a test photo has one of its own. fps:
+    measures frames per second. params: of Renderer, for a Model."""
     _expect(model, (Model, Renderer), "model"), _expect(scene, Scene, "scene")
     _flag(match_colors, "match_colors"), _flag(fps, "fps")
     if params and isinstance(model, Renderer):
@@ -573,7 +592,8 @@ def evaluate(model, scene, split="test", match_colors=False, fps=False, **params
         raise UsageError(f'split: found {split!r}, expected "train" or "test"')
     result = _core.evaluate(scene._handle, renderer._handle, split == "test",
                             match_colors, fps)
-    unasked = ([] if fps else ["fps"]) + ([] if match_colors else ["corrected_psnr", "corrected_ssim"])
+    unasked = [] if fps else ["fps"]
+    unasked += [] if match_colors else ["corrected_psnr", "corrected_ssim"]
     return {name: value for name, value in result.items() if name not in unasked}
 
 
@@ -608,7 +628,8 @@ def audit_images(images, masks=None, names=None, context=None):
     end = object()
 
     def views():
-        names_left = iter(names) if names is not None else map("image_{:06d}".format, _itertools.count())
+        numbered = map("image_{:06d}".format, _itertools.count())
+        names_left = iter(names) if names is not None else numbered
         masks_left = iter(masks) if masks is not None else _itertools.repeat(None)
         for k, image in enumerate(images):
             h, w = _shape(image, f"image {k}", 3)

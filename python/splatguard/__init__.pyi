@@ -112,6 +112,7 @@ class Renderer:
 class Trainer:
     scene: Scene
     context: Context
+    iterations: int
     def __init__(self, scene: Scene, initial: Optional[Model] = ..., resume: Optional[Path] = ...,
                  audit: Union[Dict[str, Any], str, None] = ...,
                  tolerances: Union[Array, List[float], None] = ...,

@@ -96,7 +96,7 @@ static PyObject *trainer_new(PyObject *module, PyObject *args)
     }
     Py_DECREF(keep);
     Py_XDECREF(path);
-    return (PyObject *) h;
+    return h ? Py_BuildValue("(Ni)", (PyObject *) h, p.iterations) : NULL;
 }
 
 static PyObject *trainer_step(PyObject *module, PyObject *args)

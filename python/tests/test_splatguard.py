@@ -188,6 +188,10 @@ def test_train_with_callback_and_resume(tmp_path):
     with pytest.raises(sg.InputError, match=r"state.bin: seed: found 42, expected 9, that of this run$"):
         sg.train(scene, resume=saved, seed=9, **SHORT)
     assert len(sg.train(scene, callback=lambda step: step["iteration"] == 3, **SHORT)) == 150
+    steps.clear()
+    sg.train(scene, callback=steps.append, **{**SHORT, "iterations": None, "iterations_": 5})
+    assert [step["iteration"] for step in steps] == [1, 2, 3, 4, 5]
+    assert sg.Trainer(scene).iterations == 30000
 
 
 def test_progress_cancels_and_reports():
