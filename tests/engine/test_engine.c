@@ -250,6 +250,37 @@ static void test_bands(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Where memory was short for a band, the stage can be called again. */
+static void test_bands_again(void **state)
+{
+    (void) state;
+    static float expected[3 * 120 * 90], found[3 * 120 * 90];
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, 400, 2, 8);
+    const struct sg_camera c = make_camera(120, 90, 3);
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .max_instances = 100};
+    bool failed = true;
+    for (uint64_t nth = 0; failed; nth++) { /* at first nothing fails */
+        struct sg_engine *e = make_engine(ctx, main_engine(), NULL, m, NULL);
+        assert_int_equal(sg_engine_project(e, &c, 2, &params), SG_OK);
+        assert_int_equal(sg_engine_bin(e), SG_OK);
+        sg_fail_allocation(ctx, nth);
+        const int code = sg_engine_raster(e, false);
+        failed = sg_fail_allocation(ctx, 0) || !nth;
+        if (code) {
+            assert_int_equal(code, SG_ERR_BUDGET);
+            sg_clear_error(ctx);
+            assert_int_equal(sg_engine_raster(e, false), SG_OK);
+        }
+        assert_int_equal(sg_engine_read_image(e, nth ? found : expected, NULL, NULL), SG_OK);
+        if (nth)
+            assert_memory_equal(found, expected, sizeof(found));
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* Against brute force in the oracle, on a model none of whose pixels hangs on rounding; the sum
  * over the Gaussians is that over the pixels; bands change nothing. */
 static void test_hits(void **state)
@@ -499,6 +530,7 @@ int main(void)
         cmocka_unit_test(test_nasty),
         cmocka_unit_test(test_nothing_visible),
         cmocka_unit_test(test_bands),
+        cmocka_unit_test(test_bands_again),
         cmocka_unit_test(test_hits),
         cmocka_unit_test(test_hits_alone),
         cmocka_unit_test(test_floor),

@@ -261,6 +261,7 @@ int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats,
 {
     const size_t tiles = (size_t) b->grid_x * (size_t) b->grid_y;
     b->splats = splats;
+    b->placed = false;
     b->total = b->max_tile = 0;
     if (sg_grow(ctx, SG_MEM_INSTANCES, &b->histogram, &b->cap_histogram, tiles * ORDER_CHUNKS, 0,
                 sizeof(uint32_t)) ||
@@ -330,7 +331,7 @@ int sg_bins_band(sg_ctx *ctx, struct bins *b, int band)
                            .end = range.end,
                            .low = range.first / b->grid_x,
                            .high = (range.end - 1) / b->grid_x + 1};
-    if (b->band >= 0) /* emitting turned the counts into positions */
+    if (b->placed) /* perhaps those of this band, if memory was short after an earlier one */
         sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &job);
     b->band = -1;
     if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slot_start, &b->cap_slots, b->count + 1, 0,
@@ -355,6 +356,7 @@ int sg_bins_band(sg_ctx *ctx, struct bins *b, int band)
     place_counts(b->histogram + range.first, band_tiles, tiles, b->tile_start);
     sg_parallel_for(ctx, ORDER_CHUNKS, emit, &job);
     b->band = band;
+    b->placed = true;
     return SG_OK;
 }
 

@@ -27,6 +27,7 @@ struct bins {
     size_t drawn;
     uint64_t visible, total, max_tile;
     uint32_t *histogram; /* per chunk of the order and tile */
+    bool placed;         /* emitting a band has turned its counts into positions */
     uint64_t *tile_total;
     struct bin_band *bands;
     int band_count;
