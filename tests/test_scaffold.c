@@ -141,6 +141,7 @@ struct chain {
     struct ref_weights w;
     struct ref_anchor a[ANCHORS];
     unsigned parts;
+    double volume; /* weight of the regulariser */
     double appearance[SG_APPEARANCE];
     struct sg_camera camera;
     double weight[3 * W * H];
@@ -202,7 +203,7 @@ static double evaluate(struct chain *c, bool backward, unsigned long *events)
         }
     for (int i = 0; i < 3 * W * H; i++)
         loss += c->weight[i] * rgb[i];
-    return loss + (double) SG_ANCHOR_VOLUME * volume / (double) c->count;
+    return loss + c->volume * volume / (double) c->count;
 }
 
 /* The gradient by the oracle, after evaluate with backward. */
@@ -222,9 +223,8 @@ static void pull(const struct chain *c, struct ref_anchor out[ANCHORS], struct r
                sizeof(drawn[0][0]));
     }
     for (size_t i = 0; i < ANCHORS; i++)
-        ref_neural_backward(&c->w, &c->a[i], &of, drawn[i],
-                            (double) SG_ANCHOR_VOLUME / (double) c->count, &out[i], sum,
-                            appearance);
+        ref_neural_backward(&c->w, &c->a[i], &of, drawn[i], c->volume / (double) c->count, &out[i],
+                            sum, appearance);
 }
 
 static struct chain *make_chain(const struct sg_model *m)
@@ -244,6 +244,7 @@ static struct chain *make_chain(const struct sg_model *m)
                 (double) m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p)];
     }
     c->parts = m->columns->networks->parts;
+    c->volume = (double) SG_ANCHOR_VOLUME;
     for (int k = 0; k < SG_APPEARANCE; k++)
         c->appearance[k] = (double) m->columns->networks->appearance[1].value[k];
     c->camera = make_camera(W, H, 2.2);
@@ -329,7 +330,7 @@ static void compare_values(const char *name, const char *what, const float *foun
                      expected[i]);
 }
 
-static void check_engines(unsigned parts)
+static void check_engines(unsigned parts, float volume)
 {
     struct engine_case cases[ENGINE_CASES];
     const int n = engine_cases(cases);
@@ -345,6 +346,8 @@ static void check_engines(unsigned parts)
         struct sg_render_params params = sg_render_params_default();
         double appearance[SG_APPEARANCE];
         params.appearance = 1;
+        c->volume = (double) volume;
+        sg_engine_set_volume(e, volume);
         static float weights[3 * W * H];
         unsigned long events;
         assert_non_null(sum);
@@ -387,8 +390,9 @@ static void check_engines(unsigned parts)
 static void test_engines(void **state)
 {
     (void) state;
-    check_engines(0);
-    check_engines(ALL_PARTS);
+    check_engines(0, SG_ANCHOR_VOLUME);
+    check_engines(ALL_PARTS, SG_ANCHOR_VOLUME);
+    check_engines(0, 1e4f); /* more than the image counts */
 }
 
 #define MANY 2200 /* some workgroups of the Vulkan engine have two blocks of them */

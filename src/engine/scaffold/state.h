@@ -72,7 +72,8 @@ static inline int sg_scaffold_wait(const struct scaffold_engine *b)
 /* Makes the view's Gaussians, and hands them to the engine that draws. appearance: as of struct
  * sg_render_params. */
 int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance);
-/* The values of a block of the first `count` seen anchors. Lanes beyond the last are its copies. */
+/* The values of a block of the first `count` seen anchors. Lanes beyond the last are its copies
+ * with all Gaussians hidden: they count in no sum over the lanes. */
 void sg_scaffold_gather(const struct scaffold_engine *b, size_t count, size_t block,
                         struct sg_anchor_block *out);
 /* device.c: the same on the device. */

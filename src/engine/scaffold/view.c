@@ -101,6 +101,9 @@ void sg_scaffold_gather(const struct scaffold_engine *b, size_t count, size_t bl
     b->pick(h->at[SG_C_PARAMETERS], h->planes, SG_P_XYZ, 3, anchor, out->position);
     b->pick(h->at[SG_C_PARAMETERS], h->planes, SG_P_SCALE, 3, anchor, out->reach);
     b->pick(h->at[SG_C_ANCHOR], SG_A_PLANES, 0, SG_A_PLANES, anchor, out->anchor);
+    for (size_t lane = count - block * SG_LANES; lane < SG_LANES; lane++)
+        for (int g = 0; g < SG_ANCHOR_GAUSSIANS; g++)
+            out->anchor[SG_A_OFFSET + 3 * g][lane] = SG_OFFSET_HIDDEN;
 }
 
 #define CHUNK_BLOCKS 64 /* that are made at once, before their Gaussians move together */
