@@ -763,12 +763,64 @@ static void test_bake_views(void **state)
     check_bake(ALL_PARTS, true);
 }
 
+/* A model that an edit has changed without the memory for all of it is still one. */
+static void test_edit_without_memory(void **state)
+{
+    (void) state;
+    enum { COUNT = 40, KEPT = 35 };
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_anchors(ctx, COUNT, 60);
+    struct sg_columns columns;
+    uint8_t keep[COUNT];
+    bool failed = true, edited = false;
+    assert_int_equal(
+        sg_columns_create(ctx, COUNT, 0, SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, &columns), SG_OK);
+    memcpy(columns.at[SG_C_ANCHOR], m->columns->at[SG_C_ANCHOR],
+           m->capacity * SG_A_PLANES * sizeof(float));
+    columns.networks = m->columns->networks;
+    for (size_t i = 0; i < COUNT; i++)
+        keep[i] = i >= COUNT - KEPT;
+    for (uint64_t nth = 1; failed; nth++) {
+        struct sg_engine *e = make_scaffold(ctx, (struct engine_case){main_engine(), NULL}, m);
+        struct sg_model *found = make_anchors(ctx, COUNT, 61);
+        assert_int_equal(sg_engine_upload(e, m, &columns), SG_OK);
+        sg_fail_allocation(ctx, nth);
+        const int code = sg_engine_edit(e, &(struct sg_edit){.keep = keep, .kept = KEPT});
+        failed = sg_fail_allocation(ctx, 0);
+        assert_int_equal(code, failed ? SG_ERR_BUDGET : SG_OK);
+        sg_clear_error(ctx);
+        const size_t count = sg_engine_count(e), first = COUNT - count;
+        assert_true(count == COUNT || count == KEPT);
+        edited |= failed && count == KEPT;
+        assert_int_equal(sg_engine_download(e, found, found->columns), SG_OK);
+        for (size_t i = 0; i < count; i++) {
+            assert_true(*sg_model_at(found, i, SG_P_XYZ) == *sg_model_at(m, first + i, SG_P_XYZ));
+            for (int p = 0; p < SG_A_PLANES; p++)
+                assert_true(found->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p)] ==
+                            m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, first + i, p)]);
+        }
+        sg_model_destroy(&found);
+        sg_engine_destroy(&e);
+    }
+    assert_true(edited);
+    columns.networks = NULL; /* the model's */
+    sg_columns_clear(&columns);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_oracle),     cmocka_unit_test(test_bank),
-        cmocka_unit_test(test_appearance), cmocka_unit_test(test_chain),
-        cmocka_unit_test(test_engines),    cmocka_unit_test(test_many),
-        cmocka_unit_test(test_bake),       cmocka_unit_test(test_bake_views)};
+        cmocka_unit_test(test_oracle),
+        cmocka_unit_test(test_bank),
+        cmocka_unit_test(test_appearance),
+        cmocka_unit_test(test_chain),
+        cmocka_unit_test(test_engines),
+        cmocka_unit_test(test_many),
+        cmocka_unit_test(test_bake),
+        cmocka_unit_test(test_bake_views),
+        cmocka_unit_test(test_edit_without_memory),
+    };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

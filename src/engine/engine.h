@@ -134,9 +134,9 @@ struct sg_edit {
     uint64_t seed, stream; /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3
                               entry + axis) */
 };
-/* Applies the edit to all columns. Where memory runs out the model is as it was, or edited and
- * without any column but its parameters. SG_ERR_USAGE for an appended entry that names no
- * Gaussian and no row. */
+/* Applies the edit to all columns. Where memory runs out the model is as it was, or edited and left
+ * with the columns that it needs (sg_column_is_needed). SG_ERR_USAGE for an appended entry that
+ * names no Gaussian and no row. */
 int sg_engine_edit(struct sg_engine *e, const struct sg_edit *edit);
 /* Scales = max(scales, smallest), activated. */
 int sg_engine_floor_scale(struct sg_engine *e, float smallest);

@@ -180,6 +180,13 @@ static inline bool sg_column_has_array(int c)
     return c == SG_C_PARAMETERS || !sg_column_is_parameter(c);
 }
 
+/* It has an array that a copy of a Gaussian has too: views are drawn by it, and training cannot
+ * make it again. */
+static inline bool sg_column_is_needed(int c)
+{
+    return sg_column_has_array(c) && sg_columns[c].fate[SG_EDIT_COPY] == SG_FATE_COPY;
+}
+
 /* The plane behind those of a parameter, where there are `planes` in all. */
 static inline int sg_column_end(int c, int planes)
 {

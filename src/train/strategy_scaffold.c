@@ -224,6 +224,8 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
                                                        .seed = p->seed,
                                                        .stream = (uint64_t) it},
                             &rows, &bound);
+    sg_model_destroy(&r.model); /* before the edit needs memory */
+    sg_columns_clear(&r.columns);
     if (!code)
         code = date(t, it, rows);
     if (!code)
@@ -240,8 +242,6 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
     }
     sg_free(keep);
     sg_model_destroy(&rows);
-    sg_model_destroy(&r.model);
-    sg_columns_clear(&r.columns);
     t->densify_seconds += sg_seconds() - start;
     return code;
 }

@@ -238,9 +238,9 @@ const float *sg_host_rows_of(const struct sg_model *rows, int column)
     return rows->columns ? rows->columns->at[column] : NULL;
 }
 
-/* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
-static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column,
-                      const struct sg_moves *moves)
+/* What the edit makes of an array. */
+static int make_array(sg_ctx *ctx, const struct sg_host_model *h, int column,
+                      const struct sg_moves *moves, float **out)
 {
     const size_t most = sg_blocks(moves->count), block = block_bytes(h, column);
     struct edit_job job = {.moves = moves,
@@ -255,13 +255,48 @@ static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column,
         const int first = sg_columns[c].first, planes = sg_column_planes(c, h->sh_degree);
         job.parts[job.n_parts++] = (struct part){first, first + planes, sg_columns[c].fate};
     }
+    *out = job.to;
     if (!job.to)
         return SG_ERR_BUDGET;
     if (most * SG_LANES > moves->count) /* lanes past the end */
         memset((char *) job.to + (most - 1) * block, 0, block);
     sg_parallel_for(ctx, (most + EDIT_BLOCKS - 1) / EDIT_BLOCKS, edit_piece, &job);
+    return SG_OK;
+}
+
+static void replace(struct sg_host_model *h, int column, float *array)
+{
     sg_free(h->at[column]);
-    h->at[column] = job.to;
+    h->at[column] = array;
+}
+
+/* The arrays that the model needs: all of them are edited, or none. */
+static int edit_needed(sg_ctx *ctx, struct sg_host_model *h, const struct sg_moves *moves)
+{
+    float *made[SG_COLUMNS] = {NULL};
+    int code = SG_OK;
+    for (int c = 0; c < SG_COLUMNS && !code; c++)
+        if (sg_column_is_needed(c) && h->at[c])
+            code = make_array(ctx, h, c, moves, &made[c]);
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (code)
+            sg_free(made[c]);
+        else if (made[c])
+            replace(h, c, made[c]);
+    return code;
+}
+
+/* The other ones, of which only one exists twice at any time. */
+static int edit_others(sg_ctx *ctx, struct sg_host_model *h, const struct sg_moves *moves)
+{
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        float *made;
+        if (sg_column_is_needed(c) || !h->at[c])
+            continue;
+        if (make_array(ctx, h, c, moves, &made))
+            return SG_ERR_BUDGET;
+        replace(h, c, made);
+    }
     return SG_OK;
 }
 
@@ -303,10 +338,8 @@ void sg_moves_clear(struct sg_moves *moves)
 static void drop(struct sg_host_model *h, unsigned bits)
 {
     for (int c = 0; c < SG_COLUMNS; c++)
-        if (c != SG_C_PARAMETERS && (sg_columns[c].bits & bits)) {
-            sg_free(h->at[c]);
-            h->at[c] = NULL;
-        }
+        if (!sg_column_is_needed(c) && (sg_columns[c].bits & bits))
+            replace(h, c, NULL);
 }
 
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
@@ -315,11 +348,10 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
     drop(h, SG_COLUMN_LOST);
     int code = sg_host_plan_edit(ctx, h, e, &moves);
     if (!code)
-        code = edit_array(ctx, h, SG_C_PARAMETERS, &moves);
+        code = edit_needed(ctx, h, &moves);
     const bool edited = !code;
-    for (int c = 0; c < SG_COLUMNS && !code; c++)
-        if (c != SG_C_PARAMETERS && h->at[c])
-            code = edit_array(ctx, h, c, &moves);
+    if (!code)
+        code = edit_others(ctx, h, &moves);
     if (edited && code)
         drop(h, ~0u);
     if (edited)
@@ -425,6 +457,6 @@ uint64_t sg_host_footprint(const struct sg_work *work, bool gradient)
         largest = bytes > largest ? bytes : largest;
     }
     /* An edit or a checkpoint holds one array twice. An edit also has the source and the order of
-     * rows. */
+     * rows. What else the model needs it holds twice where what was read to plan it has been. */
     return sum + largest + 2 * sizeof(uint32_t);
 }

@@ -66,7 +66,7 @@ static inline bool sg_edit_zeroes(const struct sg_edit *edit, enum sg_fate fate)
     return fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !edit->statistics);
 }
 
-/* Where memory runs out the model is as it was, or edited and without its other columns. */
+/* Where memory runs out: see sg_engine_edit. */
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
 void sg_host_floor_scale(struct sg_host_model *h, float smallest);
 /* shape: through which it is drawn, or NULL. */

@@ -117,9 +117,9 @@ static uint32_t fates_of(int column, const struct sg_edit *edit, bool rows)
     return fates;
 }
 
-/* Replaces one array by what the edit makes of it, so that only one exists twice at any time. Where
- * memory runs out it is as it was. */
-static int edit_array(struct vulkan_engine *e, int column, const struct edit_job *j)
+/* What the edit makes of an array; after an error nothing. */
+static int make_array(struct vulkan_engine *e, int column, const struct edit_job *j,
+                      struct gpu_buffer *out)
 {
     struct gpu *g = e->gpu;
     const struct sg_edit *edit = j->moves->edit;
@@ -127,21 +127,22 @@ static int edit_array(struct vulkan_engine *e, int column, const struct edit_job
     const uint64_t block = 4 * SG_LANES * (uint64_t) planes,
                    bytes = sg_blocks(j->moves->count) * block;
     const float *rows = sg_host_rows_of(edit->rows, column);
-    struct gpu_buffer made = {0}, given = {0};
-    int code = sg_gpu_reserve(g, sg_column_tag(column), &made, bytes);
+    struct gpu_buffer given = {0};
+    *out = (struct gpu_buffer){0};
+    int code = sg_gpu_reserve(g, sg_column_tag(column), out, bytes);
     if (rows && !code) {
         const uint64_t size = sg_blocks(edit->rows->count) * block;
         if (!(code = sg_gpu_reserve(g, SG_MEM_MODEL, &given, size)))
             code = sg_gpu_write(g, &given, 0, rows, size);
     }
     if (bytes && !code) /* lanes past the end */
-        code = sg_gpu_fill(g, &made, bytes - block, block, 0);
+        code = sg_gpu_fill(g, out, bytes - block, block, 0);
     for (int c = column;
          !code && (c == column || (column == SG_C_PARAMETERS && sg_column_is_parameter(c))); c++) {
         const int first = sg_columns[c].first;
         code = GPU_RUN(g, edit, 0, FOR_EACH(j->moves->count), .from = e->at[column].address,
                        .rows = sg_gpu_at(g, &given), .children = sg_gpu_at(g, &j->children),
-                       .moves = j->words.address, .to = made.address,
+                       .moves = j->words.address, .to = out->address,
                        .count = (uint32_t) j->moves->count, .planes = (uint32_t) planes,
                        .first = (uint32_t) first,
                        .end = (uint32_t) (first + sg_column_planes(c, degree)),
@@ -150,10 +151,46 @@ static int edit_array(struct vulkan_engine *e, int column, const struct edit_job
     if (!code)
         code = sg_gpu_flush(g);
     sg_gpu_release(g, &given);
-    sg_gpu_release(g, code ? &made : &e->at[column]);
-    if (!code)
-        e->at[column] = made;
+    if (code)
+        sg_gpu_release(g, out);
     return code;
+}
+
+static void replace(struct vulkan_engine *e, int column, struct gpu_buffer array)
+{
+    sg_gpu_release(e->gpu, &e->at[column]);
+    e->at[column] = array;
+}
+
+/* The arrays that the model needs: all of them are edited, or none. */
+static int edit_needed(struct vulkan_engine *e, const struct edit_job *j)
+{
+    struct gpu_buffer made[SG_COLUMNS] = {{0}};
+    int code = SG_OK;
+    for (int c = 0; c < SG_COLUMNS && !code; c++)
+        if (sg_column_is_needed(c) && e->at[c].buffer)
+            code = make_array(e, c, j, &made[c]);
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (code)
+            sg_gpu_release(e->gpu, &made[c]);
+        else if (made[c].buffer)
+            replace(e, c, made[c]);
+    return code;
+}
+
+/* The other ones, of which only one exists twice at any time. */
+static int edit_others(struct vulkan_engine *e, const struct edit_job *j)
+{
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        struct gpu_buffer made;
+        if (sg_column_is_needed(c) || !e->at[c].buffer)
+            continue;
+        const int code = make_array(e, c, j, &made);
+        if (code)
+            return code;
+        replace(e, c, made);
+    }
+    return SG_OK;
 }
 
 int sg_vulkan_edit(struct sg_engine *base, const struct sg_edit *edit)
@@ -172,15 +209,15 @@ int sg_vulkan_edit(struct sg_engine *base, const struct sg_edit *edit)
         code = put_moves(e, &h, &job);
     sg_host_clear(&h);
     if (!code)
-        code = edit_array(e, SG_C_PARAMETERS, &job);
+        code = edit_needed(e, &job);
     const bool edited = !code;
-    for (int c = 0; c < SG_COLUMNS && !code; c++)
-        if (c != SG_C_PARAMETERS && e->at[c].buffer)
-            code = edit_array(e, c, &job);
+    if (!code)
+        code = edit_others(e, &job);
+    for (int c = 0; c < SG_COLUMNS && edited && code; c++)
+        if (!sg_column_is_needed(c))
+            sg_gpu_release(e->gpu, &e->at[c]);
     if (edited)
         e->count = moves.count;
-    if (edited && code)
-        sg_vulkan_drop_columns(e, ~0u);
     sg_gpu_release(e->gpu, &job.words);
     sg_gpu_release(e->gpu, &job.children);
     sg_moves_clear(&moves);
