@@ -763,6 +763,28 @@ static void test_bake_views(void **state)
     check_bake(ALL_PARTS, true);
 }
 
+/* Networks do not learn from a view of another model. */
+static void test_learn_from_another(void **state)
+{
+    (void) state;
+    static const float gradient[3 * PIXELS];
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_anchors(ctx, 20, 62);
+    struct sg_engine *e = make_scaffold(ctx, (struct engine_case){main_engine(), NULL}, m);
+    const struct sg_camera camera = make_camera(W, H, 2.2);
+    const struct sg_render_params params = sg_render_params_default();
+    const struct sg_network_update networks = {.root = 1};
+    assert_int_equal(sg_engine_draw(e, &camera, 0, &params, false), SG_OK);
+    assert_int_equal(sg_engine_write_image_gradient(e, gradient), SG_OK);
+    assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+    assert_int_equal(sg_engine_optimise(e, &(struct sg_update){.adam = true}), SG_OK);
+    assert_int_equal(sg_engine_upload(e, m, m->columns), SG_OK);
+    assert_int_equal(sg_engine_learn_networks(e, &networks), SG_ERR_INTERNAL);
+    sg_engine_destroy(&e);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* A model that an edit has changed without the memory for all of it is still one. */
 static void test_edit_without_memory(void **state)
 {
@@ -820,6 +842,7 @@ int main(void)
         cmocka_unit_test(test_many),
         cmocka_unit_test(test_bake),
         cmocka_unit_test(test_bake_views),
+        cmocka_unit_test(test_learn_from_another),
         cmocka_unit_test(test_edit_without_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

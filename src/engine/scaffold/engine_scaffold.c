@@ -63,7 +63,7 @@ static int upload(struct sg_engine *base, const struct sg_model *m,
     }
     sg_free(b->networks);
     b->networks = networks;
-    b->host_newer = true, b->device_newer = false;
+    b->host_newer = true, b->device_newer = b->learns = false;
     return SG_OK;
 }
 
@@ -76,7 +76,7 @@ static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_columns *
     sg_free(b->networks);
     b->networks = columns->networks;
     sg_host_adopt(&b->anchors, m, columns);
-    b->host_newer = true, b->device_newer = false;
+    b->host_newer = true, b->device_newer = b->learns = false;
     return SG_OK;
 }
 
