@@ -41,24 +41,18 @@ static void add(struct mean *m, const float *params, size_t i)
 static int add_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance,
                     struct mean *means)
 {
-    float *params = NULL;
-    int code = sg_scaffold_view(b, camera, appearance);
-    if (!code &&
-        !(params = sg_alloc_raw(b->base.ctx, SG_MEM_SPLATS, sg_blocks(sg_scaffold_drawn(b)),
-                                SG_DRAWN_PLANES * SG_LANES * sizeof(float))))
-        code = SG_ERR_BUDGET;
-    struct sg_model m = {.params = params};
-    if (!code)
-        code = b->inner->ops->download(b->inner, &m, NULL);
-    for (size_t k = 0; k < b->drawing_count && !code; k++) {
+    const int code = sg_scaffold_view(b, camera, appearance);
+    if (code)
+        return code;
+    const float *params = sg_scaffold_drawn_model(b)->at[SG_C_PARAMETERS];
+    for (size_t k = 0; k < b->drawing_count; k++) {
         const struct seen *s = &b->seen[k];
         size_t from = s->first;
         for (size_t g = 0; g < SG_ANCHOR_GAUSSIANS; g++)
             if (s->exists >> g & 1)
                 add(&means[s->anchor * SG_ANCHOR_GAUSSIANS + g], params, from++);
     }
-    sg_free(params);
-    return code;
+    return SG_OK;
 }
 
 static float opacity_of(const struct mean *m)
@@ -128,7 +122,7 @@ int sg_model_bake(sg_ctx *ctx, const struct sg_model *model, const struct sg_vie
     *out = NULL;
     if (!sg_model_has_anchors(model))
         return sg_fail(ctx, SG_ERR_USAGE, "model: found Gaussians, expected anchors");
-    int code = sg_engine_create(ctx, "cpu", NULL, &e);
+    int code = sg_engine_create(ctx, "cpu", NULL, &e); /* which has its model in host memory */
     if (!code)
         code = sg_scaffold_wrap(ctx, &e);
     if (!code)
