@@ -62,9 +62,7 @@ static double share_of(const sg_trainer *t, const struct sg_filtering *s, int it
 bool sg_filtering_due(const sg_trainer *t, const struct sg_filtering *s, int before, int it,
                       bool densifies)
 {
-    const struct sg_train_params *p = &t->params;
-    return sg_filters(p, before, it) && p->defense.rho != 0 &&
-           (densifies || share_of(t, s, it) > 0);
+    return sg_filters(&t->params, before, it) && (densifies || share_of(t, s, it) > 0);
 }
 
 double sg_filtering_next(const sg_trainer *t, int *next)
