@@ -48,9 +48,10 @@ static int finish(sg_ctx *ctx, const struct sg_model *m, const struct sg_prune_p
     const size_t n = m->count;
     if (p->score == SG_GLOBAL_IMPORTANT || p->score == SG_GLOBAL_COUNT)
         return SG_OK;
-    double *factor = sg_alloc_raw(ctx, SG_MEM_MISC, 2 * n, sizeof(*factor)), *volume = factor + n;
+    double *factor = sg_alloc_raw(ctx, SG_MEM_MISC, 2 * n, sizeof(*factor));
     if (!factor)
         return SG_ERR_BUDGET;
+    double *volume = factor + n;
     int code = SG_OK;
     for (size_t i = 0; i < n; i++)
         if (p->score == SG_GLOBAL_MAX_V)
