@@ -273,7 +273,8 @@ int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient);
 int sg_engine_raster_backward(struct sg_engine *e);
 
 /* One Adam step per group: p -= rate m / (sqrt(v) root + eps), rate = lr / (1 - beta1^t), root = 1
- * / sqrt(1 - beta2^t). A group with rate 0 keeps its parameters and its moments. */
+ * / sqrt(1 - beta2^t). A group with rate 0 keeps its parameters, and its moments too unless it is
+ * of anchors. */
 struct sg_update {
     bool adam; /* false: no group moves */
     float rate[SG_GROUPS], root[SG_GROUPS];
@@ -313,8 +314,8 @@ struct sg_step {
     uint64_t number;              /* of a view that was optimised: which one, from 1; else 0 */
     uint64_t most;                /* and the largest number of instances up to it */
 };
-/* Waits for all stages that were called; the only call that does, beside those that bring memory to
- * the host. */
+/* Waits for all stages that were called, as calls do that bring memory to the host or change the
+ * model. */
 int sg_engine_read_step(struct sg_engine *e, struct sg_step *out);
 /* Of the newest view that was optimised. Without `wait` it is one of a few iterations ago, on a
  * device, if the results of any are known. */
@@ -340,8 +341,8 @@ struct sg_weighing {
     /* The value is the hits times this of the natural log of its smallest scale. NULL: the hits. */
     double (*weight)(const void *arg, float log_smallest);
     const void *arg;
-    /* The values of an anchor, over Gaussians and views. In a sum of SG_HIT_VIEWS without a weight
-     * a view counts once. */
+    /* The values of an anchor, over Gaussians and views. In a sum of SG_HIT_VIEWS that are neither
+     * shared nor weighted a view counts once. */
     enum sg_combine combine;
     /* Values stay with the Gaussians: `hits` has SG_ANCHOR_GAUSSIANS of each anchor. */
     bool single;

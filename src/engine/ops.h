@@ -146,8 +146,9 @@ struct sg_engine_ops {
     int (*read_gradients)(struct sg_engine *, struct sg_model *); /* after project_backward */
     int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
     /* Optional, all three of them: stages are done when they return. finish: waits until they are,
-     * before any operation but explore, count_radii, learn_exposures, learn_networks, a further
-     * step of ascend, and the stages from shape to project_backward_optimise.
+     * before any operation but adopt, photo_pass, explore, count_radii, learn_exposures,
+     * learn_networks, a further step of ascend, and the stages from shape to
+     * project_backward_optimise.
      * read_arrived: results that are known without waiting, of the optimised view with that number
      * or, for 0, of the newest one there is; or false.
      * read_most: see sg_engine_most_instances. */

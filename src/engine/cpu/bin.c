@@ -36,7 +36,7 @@ row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse 
 }
 
 /* Runs the last argument for each tile of splat i in the job's band, in row-major order, with
- * `tile` its index. Rows outside the band are not walked over. */
+ * `tile` its index. Of large rectangles, rows outside the band are not walked over. */
 #define EACH_TILE(job, i, tile, ...)                                                               \
     do {                                                                                           \
         const struct bins *b_ = (job)->b;                                                          \

@@ -91,8 +91,8 @@ void sg_vulkan_spectrum_clear(struct vulkan_engine *e)
     sg_gpu_release(e->gpu, &s->energies);
 }
 
-/* The transform of images of a size; a new one replaces the one that was not used longest. params:
- * the same in all calls. */
+/* The transform of images of a size; a new one replaces the one whose last use is the longest ago.
+ * params: the same in all calls. */
 static int find_transform(struct vulkan_engine *e, const struct sg_anisotropy_params *params,
                           int width, int height, struct vulkan_transform **out)
 {

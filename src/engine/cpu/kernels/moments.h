@@ -7,7 +7,9 @@
 
 #include "tile.h"
 
-#define SUMS 16 /* floats of a splat's row: w, w y, w y^2, w x, w x y, w x^2, r, g, b */
+/* Floats of a splat's row: w, w y, w y^2, w x, w x y, w x^2, r, g, b; then those of
+ * CPU_SLOT_ABSOLUTE and room up to a cache line. */
+#define SUMS 16
 
 /* Pixels of a part as the moments see them: offsets from the tile's centre, and dL/dimage. */
 struct window {
@@ -105,8 +107,7 @@ SIMD void window_add(const struct window *o, const real *w, const real *weight, 
 
 #else
 
-/* acc[0..8] += the lane sums of v[0..8]; acc is 16 floats, 64-byte aligned, acc[9..15] is
- * scratch. */
+/* acc[0..8] += the lane sums of v[0..8]; acc is 64-byte aligned. */
 SIMD void r_add_sums9(float *acc, const real *v)
 {
 #if LANES == 8
