@@ -214,7 +214,7 @@ static int write_image_gradient(struct sg_engine *base, const float *gradient)
 }
 
 /* Sum of the window over values at (x, y), zero outside. */
-static float window_sum(const float *values, int stride, int width, int height, int x, int y)
+static float window_sum(const float *values, int width, int height, int x, int y)
 {
     double sum = 0;
     for (int j = -SG_SSIM_RADIUS; j <= SG_SSIM_RADIUS; j++)
@@ -222,8 +222,7 @@ static float window_sum(const float *values, int stride, int width, int height, 
             if (x + i >= 0 && x + i < width && y + j >= 0 && y + j < height)
                 sum += (double) sg_ssim_window[i + SG_SSIM_RADIUS] *
                        (double) sg_ssim_window[j + SG_SSIM_RADIUS] *
-                       (double) values[((size_t) (y + j) * (size_t) width + (size_t) (x + i)) *
-                                       (size_t) stride];
+                       (double) values[(size_t) (y + j) * (size_t) width + (size_t) (x + i)];
     return (float) sum;
 }
 
@@ -247,10 +246,10 @@ static double low_pass(const struct ref_engine *b, const float *image,
                 D[i] = counts ? d : 0;
             else if (counts)
                 gradient[i] +=
-                    scale * window_sum(P, 1, w, h, (int) (i % (size_t) w), (int) (i / (size_t) w));
+                    scale * window_sum(P, w, h, (int) (i % (size_t) w), (int) (i / (size_t) w));
         }
         for (size_t i = 0; i < n && pass == 0; i++) {
-            P[i] = window_sum(D, 1, w, h, (int) (i % (size_t) w), (int) (i / (size_t) w));
+            P[i] = window_sum(D, w, h, (int) (i % (size_t) w), (int) (i / (size_t) w));
             sum += (double) P[i] * (double) P[i];
         }
     }
@@ -304,9 +303,9 @@ static void compare(struct sg_engine *base, const float *image,
         for (int y = 0; y < h; y++)
             for (int x = 0; x < w; x++) {
                 const size_t at = (size_t) y * (size_t) w + (size_t) x;
-                const float ds = window_sum(M, 1, w, h, x, y) +
-                                 2 * X[at] * window_sum(XX, 1, w, h, x, y) +
-                                 Y[at] * window_sum(XY, 1, w, h, x, y);
+                const float ds = window_sum(M, w, h, x, y) +
+                                 2 * X[at] * window_sum(XX, w, h, x, y) +
+                                 Y[at] * window_sum(XY, w, h, x, y);
                 grad[at] -= p->lambda_dssim * unit * ds;
             }
         for (size_t i = 0; i < n; i++)
