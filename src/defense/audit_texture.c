@@ -5,7 +5,6 @@
  * are mostly small and sometimes large. */
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "audit_blocks.h"
 #include "core/compare.h"

@@ -4,7 +4,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define BLOCK 8
 #define VALUES (3 * BLOCK * BLOCK) /* of a block */

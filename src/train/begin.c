@@ -3,7 +3,6 @@
  * allow. */
 #include "begin.h"
 
-#include <math.h>
 #include <string.h>
 
 #include "model/anchors.h"

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What densification as Markov chain Monte Carlo does to a model in host memory. */
-#include <math.h>
-#include <string.h>
-
 #include "core/rng.h"
 #include "host_model.h"
 #include "math/real_f32.h"

@@ -2,7 +2,6 @@
 /* Gaussians that look from everywhere like the mean of those that views make of anchors. */
 #include <limits.h>
 #include <math.h>
-#include <string.h>
 
 #include "model/anchors.h"
 #include "scaffold.h"

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Photos on the device, and what a render is compared with. */
-#include <math.h>
 #include <string.h>
 
 #include "engine.h"
