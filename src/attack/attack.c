@@ -217,8 +217,7 @@ static struct sg_render_params params_of(const sg_attack *a, size_t index)
 }
 
 /* The decoy's render of a view into a->image, the photo into a->photo, its bound into a->bound.
- * With a finite epsilon the render is clamped to [0, 1], but not yet to epsilon around the photo.
- */
+ * With a finite epsilon the render is clamped to [0, 1], not yet to epsilon around the photo. */
 static int render(sg_attack *a, size_t index)
 {
     const sg_trainer *t = a->trainer;

@@ -144,8 +144,8 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     a->score = score_of(ragged, fmax(middle, median - 1));
     a->score = fmax(a->score, score_of_few(a));
     a->verdict = verdict_of(a->score);
-    if (a->verdict != SG_AUDIT_CLEAN) { /* photos of one set have the same kind of error, so the
-                                           error of the set is that of one photo */
+    /* Photos of one set have the same kind of error: so the set has that of one photo. */
+    if (a->verdict != SG_AUDIT_CLEAN) {
         a->tau = median_of_poisoned(a, offsetof(struct sg_audit_image, tau), votes);
         a->tau_error = median_of_poisoned(a, offsetof(struct sg_audit_image, tau_error), votes);
     }
@@ -271,8 +271,8 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
         if (!code)
             sg_clear_error(ctx); /* of the photos that are measured again */
         for (size_t i = 0; i < a->count && !code; i++) {
-            if (codes[i]) { /* memory was short with all threads at once, or the message of the
-                               error is needed */
+            /* Memory was short with all threads at once, or the message of the error is needed. */
+            if (codes[i]) {
                 sg_clear_error(ctx);
                 audit_view(&(struct audit_job){ctx, scene, a, codes}, i, 0);
             }

@@ -102,9 +102,8 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, double to
         strength += vote * part;
         votes += vote;
         tolerated += tolerances[i] > 0 ? vote : 0;
-        if (image->score >= SG_AUDIT_CERTAIN)
-            view_weights[certain++] =
-                (float) (vote * part); /* for now the strength of the certain photos */
+        if (image->score >= SG_AUDIT_CERTAIN) /* for now their strength */
+            view_weights[certain++] = (float) (vote * part);
     }
     strength =
         votes > 0 ? fmax(strength / votes, strength_of_few(view_weights, certain, votes)) : 0;
@@ -120,7 +119,7 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, double to
     p->view_weights = view_weights;
     const double others = votes > 0 ? 1 - tolerated / votes : 1;
     p->rho = 0 - 0.1 * others - 0.35 * strength; /* tolerated noise causes no growth */
-    p->rho_least = 0.05 * strength *
-                   strength; /* against a weak poison the filter saves little and costs quality */
+    /* Against a weak poison the filter saves little and costs quality. */
+    p->rho_least = 0.05 * strength * strength;
     p->frequency = sg_defense_frequency(extent);
 }

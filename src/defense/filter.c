@@ -180,8 +180,7 @@ void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep)
 {
     if (!k)
         return;
-    /* First all entries below the score at rank k, then as many equal ones as are left to remove.
-     */
+    /* First all entries below the score at rank k, then as many equal ones as are left over. */
     size_t n = 0;
     for (size_t i = 0; i < s->count; i++)
         if (keep[i])

@@ -9,8 +9,8 @@
 #define VALUES (3 * BLOCK * BLOCK) /* of a block */
 #define RADIUS 6                   /* of the low-pass */
 #define SIGMA 2.0
-#define RENDER_MARGIN                                                                              \
-    24 /* grey levels from black or white: a poison of this amplitude is not clipped */
+/* Grey levels from black or white: a poison of this amplitude is not clipped. */
+#define RENDER_MARGIN 24
 #define PHOTO_MARGIN 3
 #define LEAST_BLOCKS 50  /* of which a tenth is measured */
 #define EXTREME 6        /* grey levels from black or white: the render is that */

@@ -7,8 +7,7 @@
 #include "train/strategy.h"
 
 /* No densification and no opacity reset. The first iteration takes no step: the released programs
- * prune in it. Every 400 iterations all rates but the position's shrink by 5
- * %. */
+ * prune in it. Every 400 iterations all rates but that of positions shrink by 5 %. */
 extern const struct sg_strategy sg_strategy_finetune;
 
 /* Parameters of the fine-tuning. The learning rate of positions continues from the last iteration

@@ -30,8 +30,8 @@ int sg_pup_fisher(sg_ctx *ctx, const struct sg_camera *const *views, size_t n,
 double sg_log_det6(const double *matrix);
 
 /* Which Gaussians stay after a round: clears the bytes of those with at most the score at rank
- * trunc(ratio (n - 1)), where NAN is the highest score. Returns how many are cleared, at most n
- * - 1. sorted: room for n values. */
+ * trunc(ratio (n - 1)), where NAN is the highest score. One stays in any case. Returns how many are
+ * cleared. sorted: room for n values. */
 size_t sg_prune_choose(const double *score, size_t n, double ratio, double *sorted, uint8_t *keep);
 
 #endif

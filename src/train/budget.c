@@ -8,14 +8,14 @@
 #include "schedule.h"
 #include "splatguard/model.h"
 
-/* Bytes that training needs beside the engine. */
-#define PLAN_BYTES                                                                                 \
-    (3 * 4 + 1 + 2 * (1 + 4) + 3 * 8 + 2 * 4 +                                                     \
-     8)                          /* a Gaussian while it is scored: statistics, scores, order */
-#define PIXEL_BYTES (3 * 12 + 8) /* renders and photos that are measured */
-#define FIXED_BYTES (8 << 20)    /* tables that do not grow with the input */
-#define LISTED 2                 /* instances a Gaussian to hold at once */
-#define LEAST 1000               /* the fewest Gaussians of a model */
+/* Bytes that training needs beside the engine: of a Gaussian while it is scored (statistics,
+ * scores, order); of a pixel of renders and photos that are measured; of tables that do not grow
+ * with the input. */
+#define PLAN_BYTES (3 * 4 + 1 + 2 * (1 + 4) + 3 * 8 + 2 * 4 + 8)
+#define PIXEL_BYTES (3 * 12 + 8)
+#define FIXED_BYTES (8 << 20)
+#define LISTED 2   /* instances a Gaussian to hold at once */
+#define LEAST 1000 /* the fewest Gaussians of a model */
 
 /* Bytes of the buffers for the most demanding view. */
 static uint64_t largest_view(const struct sg_engine_kind *engine, struct sg_work work,

@@ -17,11 +17,11 @@ struct sg_growth_params {
     int factor; /* cells of the coarsest grid, in voxels */
     int grids;  /* their number */
     int finer;  /* times, from each to the next */
-    float
-        gradient; /* mean that makes a Gaussian grow; finer / 2 times as much for each finer grid */
-    float drawn;  /* Gaussians that were drawn in more views count */
-    float drop;   /* of a Gaussian, on the coarsest grid, the probability to be left out; its
-                     powers on the others */
+    /* The mean that makes a Gaussian grow; finer / 2 times as much for each finer grid. */
+    float gradient;
+    float drawn;        /* Gaussians that were drawn in more views count */
+    float drop;         /* of a Gaussian, on the coarsest grid, the probability to be left out; its
+                           powers on the others */
     float log_size_max; /* of new anchors */
     size_t limit; /* the most new anchors: those of the largest gradients; the others stay out */
     uint64_t seed, stream;

@@ -43,8 +43,7 @@ struct eye {
     const float *exposures; /* of all training views, or NULL */
 };
 
-/* Draws a view as its photo is compared with it, and gives that photo, which the caller releases.
- */
+/* Draws a view as its photo is compared with it. The caller releases the photo. */
 static int open_view(const struct eye *e, size_t view, const uint8_t **photo)
 {
     sg_trainer *t = e->t;

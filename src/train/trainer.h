@@ -33,8 +33,8 @@ struct sg_trainer {
     bool gaussians_bound, time_bound;
     double noise, beyond; /* of the newest look, see struct sg_noise; 0 and 1 before it */
     bool smooths;         /* photos with a tolerance are smoothed, and have none in force */
-    int settles_from; /* the last iteration before rates fall and no Gaussian comes or goes; INT_MAX
-                         = all */
+    /* After this iteration rates fall and no Gaussian comes or goes; INT_MAX: never. */
+    int settles_from;
     int adam_steps[SG_GROUPS];
     sg_photo *photos;                      /* of the training views */
     uint8_t **smoothed;                    /* of those that the engine has smoothed, else NULL */
@@ -107,8 +107,7 @@ float sg_trainer_growth_threshold(const sg_trainer *t);
 int sg_trainer_renew_filter(sg_trainer *t);
 
 /* Of SG_MODEL_SCAFFOLD, for its strategies, in the order of the released code: a step of the
- * networks, with the gradients of the view that was optimised last; growth and removal of anchors.
- */
+ * networks, with the gradients of the view that was optimised last; anchors that grow and go. */
 int sg_trainer_learn_networks(sg_trainer *t, int it);
 int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *out);
 

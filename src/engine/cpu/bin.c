@@ -151,8 +151,8 @@ static void place_counts(uint32_t *counts, size_t keys, size_t stride, uint32_t 
             start[k + 1] += counts[c * stride + k];
     for (size_t k = 0; k < keys; k++)
         start[k + 1] += start[k];
-    for (size_t c = 0; c < ORDER_CHUNKS;
-         c++) /* leaves the end of each key, which is the start of the next */
+    /* Leaves the end of each key in `start`, which is the first place of the next one. */
+    for (size_t c = 0; c < ORDER_CHUNKS; c++)
         for (size_t k = 0; k < keys; k++) {
             const uint32_t n = counts[c * stride + k];
             counts[c * stride + k] = start[k];

@@ -59,10 +59,10 @@ struct cpu_raster_args {
     const uint32_t *tile_start; /* first instance of a tile; tile_start[tile + 1] ends it; indexed
                                    from first_tile */
     int first_tile;
-    uint16_t *block_mask; /* per instance: 4x4 blocks of the tile it can touch; written by forward,
-                       read by backward */
-    uint32_t *tile_end; /* per tile, from first_tile: end of the instances that any pixel was still
-                          open to */
+    /* per instance: 4x4 blocks of the tile it can touch; written by forward, read by backward */
+    uint16_t *block_mask;
+    /* per tile, from first_tile: end of the instances that any pixel was still open to */
+    uint32_t *tile_end;
     float background[3];
     float *rgb;            /* 3 planes, written by forward, read by backward */
     float *alpha, *depth;  /* planes or NULL */

@@ -172,8 +172,7 @@ static inline void ref_neural_forward(const struct ref_weights *w, const struct 
     }
 }
 
-/* Adds to the gradients of the weights and of the appearance. out: gradients of reach and anchor.
- */
+/* Adds to the gradients of weights and appearance. out: gradients of reach and anchor. */
 static inline void ref_neural_backward(const struct ref_weights *w, const struct ref_anchor *a,
                                        const struct ref_view *view,
                                        real (*gradient)[SG_NEURAL_PLANES], real volume,

@@ -106,12 +106,10 @@ VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b);
 
 /* ---- commands: recorded, in order ---- */
 
-/* variant: the SH degree, the parts of networks, or 1 where absolute gradients are summed; else 0.
- */
+/* variant: the SH degree, the parts of networks, or 1 for sums of absolute gradients; else 0. */
 int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
                     size_t size, uint64_t groups);
-/* The workgroups are in item `item` of `work` (VK_WORK_WORDS each), written by an earlier kernel.
- */
+/* The workgroups are in item `item` of `work` (VK_WORK_WORDS each), from an earlier kernel. */
 int sg_gpu_dispatch_work(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
                          size_t size, const struct gpu_buffer *work, uint32_t item);
 #define GPU_RUN(g, kernel, variant, groups, ...)                                                   \

@@ -98,8 +98,8 @@ void FILTERED(project)(const struct cpu_project_args *a, size_t first, size_t en
             mask good = r_and(s.visible, r_le(planes[SG_P_OPACITY], planes[SG_P_OPACITY]));
             good = r_and(good, r_and(r_lt(r_from_int(rect.x0), r_from_int(rect.x1)),
                                      r_lt(r_from_int(rect.y0), r_from_int(rect.y1))));
-            if (!m_any(
-                    good)) { /* neighbours in memory are neighbours in space: mostly all or none */
+            /* Neighbours in memory are neighbours in space: mostly all are seen, or none. */
+            if (!m_any(good)) {
                 const size_t left = a->count - base, n = left < LANES ? left : LANES;
                 memset(a->extents + base, 0, n * sizeof(*a->extents));
                 continue;

@@ -83,8 +83,8 @@ SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool abs
 
     bool anyone = true;
     size_t at = first;
-    const size_t reached =
-        a->tile_end[tile - a->first_tile]; /* the forward pass wrote block masks up to here */
+    /* The forward pass has written block masks up to here. */
+    const size_t reached = a->tile_end[tile - a->first_tile];
     for (; at < reached && anyone; at += BATCH) {
         const int count = reached - at < BATCH ? (int) (reached - at) : BATCH;
         batch_load(&batch, a, at, count);
@@ -146,8 +146,8 @@ SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool abs
                 slot[9] = 2 * LN2 * sums[i][9], slot[10] = 2 * LN2 * sums[i][10];
         }
     }
-    for (at = at < reached ? at : reached; at < end;
-         at++) /* behind everything: no pixel sees them */
+    /* What is behind everything no pixel sees. */
+    for (at = at < reached ? at : reached; at < end; at++)
         memset(a->slots + (size_t) a->instances[at].slot * CPU_SLOT_FLOATS, 0,
                CPU_SLOT_FLOATS * sizeof(float));
     return pairs;

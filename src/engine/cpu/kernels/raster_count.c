@@ -51,8 +51,8 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, enum sg_hit hit)
                             open = chain_open(chain);
                             blended[u] = r_and(p.drawn[u], open);
                         }
-                        for (int u = 0; u < GROUP;
-                             u++) /* padding adds to the last one, which nobody reads */
+                        /* Padding adds to the last one, which nobody reads. */
+                        for (int u = 0; u < GROUP; u++)
                             if (weigh)
                                 weights[list[i + u]] += r_sum(r_keep(blended[u], weight[u]));
                             else

@@ -18,10 +18,10 @@
 #define GROUP 4            /* pairs evaluated together, so that their latencies overlap */
 
 struct batch {
-    _Alignas(64) struct cpu_splat
-        splats[BATCH + 1]; /* the last one is never drawn: it pads lists to whole groups */
-    uint8_t list[BLOCKS]
-                [BATCH + 16]; /* 16: a vector may be stored, and a group padded, at the end */
+    /* The last one is never drawn: it pads lists to whole groups. */
+    _Alignas(64) struct cpu_splat splats[BATCH + 1];
+    /* 16: a vector may be stored, and a group padded, at the end. */
+    uint8_t list[BLOCKS][BATCH + 16];
     int length[BLOCKS];
 };
 
@@ -165,8 +165,8 @@ SIMD void pairs_eval(struct pairs *p, const struct batch *b, const uint8_t *list
     EACH below[u] = pair_below(dy[u], p->splat[u]->down, p->splat[u]->peak);
     EACH power[u] = pair_power(x[u], below[u]);
     EACH shifted[u] = r_exp2_split(power[u], &x[u]);
-    EACH p->raw[u] =
-        r_exp2_join(x[u], shifted[u]); /* lists hold splats whose ellipse is near: no underflow */
+    /* Lists hold splats whose ellipse is near: nothing underflows. */
+    EACH p->raw[u] = r_exp2_join(x[u], shifted[u]);
     EACH p->drawn[u] = pair_drawn(power[u]);
     EACH p->alpha[u] = pair_alpha(p->drawn[u], p->raw[u]);
 #undef EACH
