@@ -419,6 +419,15 @@ static void unseen_is_what_no_view_shows(void **state)
         sg_model_destroy(&left);
     }
     assert_true(lowest > expected);
+    for (int kind = 0; kind <= SG_GLOBAL_OPACITY; kind++) { /* also where hits do not count */
+        struct sg_prune_params p = params_of(SG_PRUNER_LIGHTGAUSSIAN);
+        struct sg_prune_result r;
+        struct sg_model *left;
+        p.score = (enum sg_global_score) kind, p.ratio = 0.01, p.finetune = 0;
+        assert_int_equal(sg_prune(f.ctx, &f.scene, m, &p, &left, &r), SG_OK);
+        assert_int_equal(r.unseen[0], expected);
+        sg_model_destroy(&left);
+    }
     f.scene.n_train = VIEWS;
     sg_model_destroy(&m);
     clear_fixture(&f);

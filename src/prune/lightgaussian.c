@@ -68,7 +68,7 @@ static int finish(sg_ctx *ctx, const struct sg_model *m, const struct sg_prune_p
 
 int sg_lightgaussian(struct sg_engine *engine, const struct sg_scene *scene,
                      const struct sg_model *m, const struct sg_prune_params *p,
-                     const struct sg_render_params *render, double *score)
+                     const struct sg_render_params *render, double *score, size_t *unseen)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
     const struct sg_camera **views = sg_training_cameras(ctx, scene);
@@ -81,6 +81,9 @@ int sg_lightgaussian(struct sg_engine *engine, const struct sg_scene *scene,
                                         : SG_HIT_PIXELS,
                                     score);
     sg_free(views);
+    *unseen = 0;
+    for (size_t i = 0; i < m->count && !code; i++)
+        *unseen += score[i] == 0;
     for (size_t i = 0; i < m->count && !code && p->score != SG_GLOBAL_COUNT; i++) {
         const double opacity = 1 / (1 + exp(-(double) *sg_model_at(m, i, SG_P_OPACITY)));
         score[i] = p->score == SG_GLOBAL_OPACITY ? opacity : opacity * score[i];

@@ -42,7 +42,7 @@ static int check(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_mode
 /* The scores of the spectral filter over all views. */
 static int spectral(struct sg_engine *engine, const struct sg_scene *scene,
                     const struct sg_prune_params *p, const struct sg_render_params *render,
-                    double *score)
+                    double *score, size_t *unseen)
 {
     struct sg_defense_params d = sg_defense_params_default();
     struct sg_scores s;
@@ -53,6 +53,7 @@ static int spectral(struct sg_engine *engine, const struct sg_scene *scene,
     if (code)
         return code;
     memcpy(score, s.score, s.count * sizeof(*score));
+    *unseen = s.unseen;
     sg_scores_clear(&s);
     return SG_OK;
 }
@@ -71,15 +72,12 @@ static int score_model(sg_ctx *ctx, const struct sg_scene *scene, const struct s
         code = sg_engine_upload(engine, m, NULL);
     if (!code)
         code = p->method == SG_PRUNER_SPECTRAL
-                   ? spectral(engine, scene, p, &render, score)
-                   : sg_lightgaussian(engine, scene, m, p, &render, score);
+                   ? spectral(engine, scene, p, &render, score, unseen)
+                   : sg_lightgaussian(engine, scene, m, p, &render, score, unseen);
     sg_engine_destroy(&engine);
-    if (sg_engine_give_way(ctx, p->engine, p->cpu, code))
-        return score_model(ctx, scene, m, p, score, unseen);
-    *unseen = 0;
-    for (size_t i = 0; i < m->count && !code; i++)
-        *unseen += score[i] == 0 || score[i] == -INFINITY;
-    return code;
+    return sg_engine_give_way(ctx, p->engine, p->cpu, code)
+               ? score_model(ctx, scene, m, p, score, unseen)
+               : code;
 }
 
 int sg_prune_scores(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *model,

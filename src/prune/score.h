@@ -6,10 +6,11 @@
 #include "engine/engine.h"
 #include "splatguard/prune.h"
 
-/* LightGaussian's, of the model that an engine holds, which `model` is a copy of. */
+/* LightGaussian's, of the model that an engine holds, which `model` is a copy of. *unseen: the
+ * Gaussians that no view shows. */
 int sg_lightgaussian(struct sg_engine *engine, const struct sg_scene *scene,
                      const struct sg_model *model, const struct sg_prune_params *params,
-                     const struct sg_render_params *render, double *score);
+                     const struct sg_render_params *render, double *score, size_t *unseen);
 
 /* The factor of each Gaussian's volume in its score; volume: n of them. SG_ERR_BUDGET. */
 int sg_volume_factors(sg_ctx *ctx, const struct sg_prune_params *params, const double *volume,

@@ -46,6 +46,7 @@ static int remove_lowest(sg_trainer *t, double ratio, const struct sg_render_par
                          struct sg_train_step *out)
 {
     const size_t n = sg_engine_count(t->engine);
+    size_t unseen;
     const struct sg_prune_params params = sg_prune_params_default();
     struct sg_model *m = NULL;
     double *score = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, 2 * n, sizeof(*score));
@@ -54,7 +55,7 @@ static int remove_lowest(sg_trainer *t, double ratio, const struct sg_render_par
     if (!code)
         code = sg_engine_download(t->engine, m, NULL);
     if (!code)
-        code = sg_lightgaussian(t->engine, t->scene, m, &params, render, score);
+        code = sg_lightgaussian(t->engine, t->scene, m, &params, render, score, &unseen);
     sg_model_destroy(&m);
     if (!code) {
         const size_t removed = sg_prune_choose(score, n, ratio, score + n, keep);
