@@ -78,7 +78,7 @@ static int load_model(struct viewed *v, const struct model_options *o, const cha
     if (!error && v->model)
         error = sg_renderer_create(v->ctx, o->engine, cpu_variant(o->cpu), v->model, &o->render,
                                    &v->renderer);
-    return report(v->ctx, error);
+    return report_option(v->ctx, &command_view, error);
 }
 
 static int open_viewed(struct viewed *v, const char *place, const bool *given,

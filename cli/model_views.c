@@ -135,7 +135,7 @@ int model_views_load(struct model_views *v, const struct command *command, const
         error = sg_renderer_create(v->ctx, o->engine, cpu_variant(o->cpu), v->model, &o->render,
                                    &v->renderer);
     if (error) {
-        code = report(v->ctx, error);
+        code = report_option(v->ctx, command, error);
         if (!o->cameras && o->scene_path == v->run.source)
             say_moved(o->scene_path);
         return code;

@@ -41,7 +41,7 @@ struct model_options {
         TEXT_ROW(                                                                                  \
             "cpu", offsetof(config, m.cpu), "VARIANT",                                             \
             "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).",   \
-            .group = MODEL_GROUP, .expert = true)
+            .field = "cpu", .group = MODEL_GROUP, .expert = true)
 #define MODEL_GROUP "Model and views"
 #define MODEL_GROUPS MODEL_GROUP "|Scene|Rasteriser"
 #define MODEL_PARTS(config)                                                                        \

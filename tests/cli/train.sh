@@ -161,4 +161,7 @@ expect 0 train scene/blender -o from --init run --iterations 2 -q --force
 cmp by-file.ply from/point_cloud/iteration_2/point_cloud.ply || fail "a run begins another one differently than its file"
 SG_CPU=baseline expect 0 train scene/blender -o base --iterations 2 --init-points 100 -q --engine cpu
 grep -q '"cpu_variant": "baseline"' base/config.json || [ "$(uname -m)" != x86_64 ] || fail "SG_CPU is ignored"
-expect 1 train scene/blender -o none --iterations 2 --cpu abacus --init-points 100 -q
+for command in 'train scene/blender -o none' 'eval base' 'render base -o none' 'view base'; do
+    # shellcheck disable=SC2086
+    expect 1 $command --cpu abacus -q; says "splatguard ${command%% *}: --cpu: found \"abacus\""
+done
