@@ -62,6 +62,13 @@ run(${CMAKE_COMMAND} --build ${PREFIX}/user)
 run(${PREFIX}/user/first)
 expect("${out}" "${answer}")
 
+# Another folder of headers: CMake refuses packages that name one that is not there.
+run(${CMAKE_COMMAND} -S ${SOURCE} -B ${PREFIX}/other -G ${GENERATOR} -DCMAKE_C_COMPILER=${CC} -DBUILD_TESTING=OFF
+    -DCMAKE_INSTALL_INCLUDEDIR=headers)
+file(GLOB_RECURSE targets ${PREFIX}/other/CMakeFiles/Export/splatguard-targets.cmake)
+file(STRINGS "${targets}" folders REGEX INTERFACE_INCLUDE_DIRECTORIES)
+expect("${folders}" "\"\\\${_IMPORT_PREFIX}/headers\"$")
+
 # The tool must find a shared library by itself.
 unset(ENV{LD_LIBRARY_PATH})
 run(${PREFIX}/bin/splatguard --version)
