@@ -192,7 +192,7 @@ static int run_bench(const void *config, const bool *given, const char *const *p
     struct plan plan = {0};
     int shard = 1, shards = 1;
     char rest;
-    if (c->shard && (sscanf(c->shard, "%d/%d%c", &shard, &shards, &rest) != 2 || shard < 1 ||
+    if (c->shard && (sscanf(c->shard, "%9d/%9d%c", &shard, &shards, &rest) != 2 || shard < 1 ||
                      shards < 1 || shard > shards))
         return wrong_shard(c->shard);
     if (c->shard && c->slurm) {

@@ -105,7 +105,8 @@ static int parse_crop(const char *text, const struct sg_spectrum_image *images, 
     if (!text)
         return 0;
     const bool four =
-        sscanf(text, "%d,%d,%d,%d%c", &crop->x, &crop->y, &crop->width, &crop->height, &rest) == 4;
+        sscanf(text, "%9d,%9d,%9d,%9d%c", &crop->x, &crop->y, &crop->width, &crop->height, &rest) ==
+        4; /* so few digits that an int has room for them */
     for (int k = 0; k < n; k++)
         if (!four || crop->x < 0 || crop->y < 0 || crop->width < 1 || crop->height < 1 ||
             crop->width > images[k].picture.width ||

@@ -201,7 +201,9 @@ expect 0 bench plan.json -o cluster.db --slurm 3
 grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shard .SLURM_ARRAY_TASK_ID/3' out || fail "the script is $(cat out)"
 [ ! -e cluster.db ] || fail "a script made a database"
 for i in 1 2; do [ "$("$tool" bench plan.json --list --shard $i/2 | grep -c train)" -ge 2 ] || fail "part $i of 2 has less than half"; done
-expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
+for shard in 4/3 4294967297/1; do
+    expect 1 bench plan.json -o x.db --shard $shard; says '--shard'
+done
 expect 1 bench plan.json -o x.db --shard 1/3 --slurm 2; says 'exclude each other'
 expect 1 bench plan.json -o x.db --slurm 0; says 'slurm: found "0", expected a whole number from 1 to 10000'
 expect 1 bench plan.json -o x.db --max-memory 1G; says 'found a plan without'
