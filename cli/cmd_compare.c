@@ -282,6 +282,22 @@ static int print_json(const struct run *runs, int n)
     return json_print(list, 2);
 }
 
+/* Without --scene nothing is drawn: the numbers are those that the runs have written. */
+static int check_unmeasured(const bool *given)
+{
+    const char *scene = options_given_of(&command_compare, given, &compare_parts[0]),
+               *render = options_given_of(&command_compare, given, &compare_parts[1]),
+               *name = scene ? scene : render;
+    if (options_given(&command_compare, given, offsetof(struct compare_config, m.split)))
+        name = "split";
+    if (options_given(&command_compare, given, offsetof(struct compare_config, m.iteration)))
+        name = "iteration";
+    if (!name)
+        return STATUS_DONE;
+    say(stderr, "splatguard compare: --%s: found without effect, expected --scene with it\n", name);
+    return STATUS_USAGE;
+}
+
 static int run_compare(const void *config, const bool *given, const char *const *positional,
                        int count)
 {
@@ -292,6 +308,8 @@ static int run_compare(const void *config, const bool *given, const char *const 
         say(stderr, "splatguard compare: --json, --csv and --html exclude each other\n");
         code = 1;
     }
+    if (!code && !c->m.scene_path)
+        code = check_unmeasured(given);
     interrupt_catch();
     for (int i = 0; i < count && !code; i++) {
         code = read_run(&runs[i], positional[i]);

@@ -159,8 +159,8 @@ static int info_model(sg_ctx *ctx, const char *place, bool json)
 
 static int run_info(const void *config, const bool *given, const char *const *positional, int count)
 {
-    (void) given;
     const struct info_config *c = config;
+    const char *of_scene = options_given_of(&command_info, given, &info_parts[0]);
     if (c->devices && count)
         say(stderr, "splatguard info: found %s and --devices, expected one of them\n",
             positional[0]);
@@ -168,16 +168,22 @@ static int run_info(const void *config, const bool *given, const char *const *po
         say(stderr, "splatguard info: missing argument: a run, a model, a scene, or --devices\n");
     if (c->devices == (count > 0))
         return STATUS_USAGE;
+    const char *place = c->devices ? "--devices" : positional[0];
+    if (of_scene && (c->devices || !is_scene(place))) {
+        say(stderr, "splatguard info: --%s: found without effect on %s, expected a scene\n",
+            of_scene, place);
+        return STATUS_USAGE;
+    }
     if (c->devices)
         return print_devices(c->json);
     sg_ctx *ctx;
     int status = open_context(&ctx, c->threads, c->max_memory, true);
     if (status)
         return status;
-    if (is_scene(positional[0]))
-        status = info_scene(ctx, positional[0], c->scene, c->json);
+    if (is_scene(place))
+        status = info_scene(ctx, place, c->scene, c->json);
     else
-        status = info_model(ctx, positional[0], c->json);
+        status = info_model(ctx, place, c->json);
     sg_ctx_destroy(&ctx);
     return status;
 }

@@ -252,6 +252,15 @@ bool options_given(const struct command *c, const bool *given, size_t offset)
     return false;
 }
 
+const char *options_given_of(const struct command *c, const bool *given,
+                             const struct option_part *part)
+{
+    for (const struct sg_option *o = part->rows(); o->name; o++)
+        if (options_given(c, given, part->at + o->offset))
+            return o->name;
+    return NULL;
+}
+
 void options_preset(const struct command *c, const bool *given, void *config, const char *name,
                     const char *text)
 {
