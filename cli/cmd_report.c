@@ -78,13 +78,14 @@ static int put_run_page(FILE *f, const void *what)
     return put_run(f, r->folder, r->summary, &r->params, r->pictures ? &views : NULL);
 }
 
-/* Without its photos a run still has a page. */
+/* Without its photos a run still has a page. A scene that was named must be there. */
 static int open_pictures(struct run_page *r, struct report_config *c, const bool *given)
 {
+    const bool named = c->m.scene_path;
     c->m.split = r->params.scene.eval ? 0 : 1;
     const int code = model_views_open(&r->views, r->folder, &command_report, given, c, &c->m);
     r->pictures = !code;
-    if (code != STATUS_INPUT && code != STATUS_USAGE)
+    if (named || (code != STATUS_INPUT && code != STATUS_USAGE))
         return code;
     say(stderr, "warning: the page has no pictures\n");
     return STATUS_DONE;
@@ -129,6 +130,11 @@ static int run_report(const void *config, const bool *given, const char *const *
     interrupt_catch();
     if (count == 1 && is_folder(positional[0]))
         return report_of_run(positional[0], c, given);
+    if (c->m.scene_path) {
+        say(stderr, "splatguard report: --scene: found without effect on a database, expected the "
+                    "folder of a run\n");
+        return STATUS_USAGE;
+    }
     int code = STATUS_DONE;
     for (int i = 0; i < count && !code && !interrupted(); i++)
         if (is_folder(positional[i])) {

@@ -91,6 +91,8 @@ fi
 
 # Without its photos; with a log that is damaged, or gone.
 mv scene gone
+expect 2 report "$name" -o nothing --scene nowhere -q; says 'nowhere: found no folder'
+[ ! -e nothing ] || fail "half a report: $(ls -a nothing)"
 expect 0 report "$name" -o page -q; says 'the page has no pictures'
 grep -q 'data:image' $page && fail "pictures of nothing"
 expect 0 report "$name" -o page -q --scene gone/colmap

@@ -69,6 +69,7 @@ for option in '--split train' '--iteration 3' '--downscale 2' '--mip-kernel 0.1'
 done
 expect 1 info model.ply --downscale 2; says '--downscale: found without effect on model.ply, expected a scene'
 expect 1 info --devices --downscale 2; says '--downscale: found without effect on --devices, expected a scene'
+expect 1 report model.ply -o page --scene scene; says '--scene: found without effect on a database'
 
 # Ranges are those of the option that a value came from.
 expect 1 train scene -o run -r 0; says '--resolution: found "0", expected a whole number from -1 to 16384, but not 0'
