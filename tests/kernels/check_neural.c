@@ -23,7 +23,7 @@ static struct fixture *make_fixture(unsigned parts)
         w[i] = draw(91, i, -0.25f, 0.25f);
     for (int h = 0; h < SG_HIDDEN; h++) /* of inputs that are larger than the others */
         f->weights.distance[h] /= 8;
-    for (size_t i = 0; i < SG_DRAWN_ROWS * SG_LANES; i++)
+    for (size_t i = 0; i < sizeof(f->gradient) / sizeof(*g); i++)
         g[i] = draw(92, i, -1, 1);
     for (int k = 0; parts && k < SG_ANCHOR_GAUSSIANS; k++) /* large where an opacity is near 0 */
         for (int lane = 0; lane < SG_LANES; lane++)

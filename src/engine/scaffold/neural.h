@@ -6,7 +6,6 @@
 #include "model/anchor.h"
 
 #define SG_DRAWN_PLANES 14 /* of a Gaussian of SH degree 0 */
-#define SG_DRAWN_ROWS (SG_ANCHOR_GAUSSIANS * SG_DRAWN_PLANES)
 
 /* Rows of SG_LANES anchors. */
 struct sg_anchor_block {

@@ -2,7 +2,6 @@
 /* Edits of the model on the device. The host decides where rows come from and makes the children,
  * for which it reads the positions, scales and rotations; the rows themselves move on the device.
  * The bytes are those of an edit in host memory. */
-#include <string.h>
 
 #include "engine.h"
 

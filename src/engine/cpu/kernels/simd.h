@@ -123,7 +123,6 @@ typedef __mmask16 mask;
 #define r_lt(a, b) _mm512_cmp_ps_mask((__m512) (a), (__m512) (b), _CMP_LT_OQ)
 #define r_le(a, b) _mm512_cmp_ps_mask((__m512) (a), (__m512) (b), _CMP_LE_OQ)
 #define r_and(a, b) ((mask) ((a) & (b)))
-#define m_andnot(a, b) ((mask) ((a) & ~(b))) /* a and not b */
 #define m_any(a) ((a) != 0)
 #define m_all ((mask) 0xffff)
 #define m_bits(a) ((uint32_t) (a))
@@ -182,7 +181,6 @@ typedef ireal mask;
 #define r_lt(a, b) ((mask) ((a) < (b)))
 #define r_le(a, b) ((mask) ((a) <= (b)))
 #define r_and(a, b) ((a) & (b))
-#define m_andnot(a, b) ((a) & ~(b))
 #define m_all (i_set(-1))
 SIMD ireal i_sel(mask m, ireal a, ireal b)
 {
