@@ -258,7 +258,8 @@ static void test_bands_again(void **state)
     sg_ctx *ctx = make_context(2);
     struct sg_model *m = make_model(ctx, 400, 2, 8);
     const struct sg_camera c = make_camera(120, 90, 3);
-    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .max_instances = 100};
+    struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    params.max_instances = 100;
     bool failed = true;
     for (uint64_t nth = 0; failed; nth++) { /* at first nothing fails */
         struct sg_engine *e = make_engine(ctx, main_engine(), NULL, m, NULL);
