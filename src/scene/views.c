@@ -235,15 +235,21 @@ static int set_camera(sg_ctx *ctx, const struct sg_scene_params *params, const s
     return sg_camera_check(ctx, c, SG_ERR_INPUT, shot->path);
 }
 
+/* The lens and camera of a shot whose photo is width x height. */
+static int place(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shot *shot,
+                 int width, int height, struct sg_lens *lens, struct sg_camera *camera)
+{
+    int w = 0, h = 0, code = target_size(ctx, params, shot->path, width, height, &w, &h);
+    if (!code)
+        code = fit_lens(ctx, shot, width, height, lens);
+    return code ? code : set_camera(ctx, params, shot, lens, w, h, camera);
+}
+
 int sg_view_place(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shot *shot,
                   struct sg_view *view)
 {
-    const int width = shot->lens.width, height = shot->lens.height;
     struct sg_lens lens;
-    int w = 0, h = 0, code = target_size(ctx, params, shot->path, width, height, &w, &h);
-    if (!code)
-        code = fit_lens(ctx, shot, width, height, &lens);
-    return code ? code : set_camera(ctx, params, shot, &lens, w, h, &view->camera);
+    return place(ctx, params, shot, shot->lens.width, shot->lens.height, &lens, &view->camera);
 }
 
 static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view, int w, int h)
@@ -263,7 +269,6 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
     struct sg_image image = {0};
     struct sg_lens lens;
     uint8_t *valid = NULL;
-    int w = 0, h = 0;
     view->name = sg_strdup(ctx, shot->name);
     view->file = sg_strdup(ctx, shot->file);
     view->path = sg_strdup(ctx, shot->path);
@@ -293,13 +298,12 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
                          view->rgb);
     }
     sg_image_clear(&image);
-    code = target_size(ctx, params, shot->path, width, height, &w, &h);
-    if (!code)
-        code = fit_lens(ctx, shot, width, height, &lens);
+    code = place(ctx, params, shot, width, height, &lens, &view->camera);
     if (!code && shot->mask)
         code = load_mask(ctx, files, shot, width, height, &view->mask, broken);
     if (code)
         goto done;
+    const int w = view->camera.width, h = view->camera.height;
     view->undistorted = sg_lens_is_distorted(&lens);
     if (view->undistorted)
         code = undistort_view(ctx, shot, &lens, view, &valid);
@@ -326,8 +330,6 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
         goto done;
     if (params->smooth && shot->split != SG_SPLIT_TEST &&
         (code = smooth(ctx, params->smooth, view, w, h)))
-        goto done;
-    if ((code = set_camera(ctx, params, shot, &lens, w, h, &view->camera)))
         goto done;
     view->hash = sg_view_hash(view);
 done:
