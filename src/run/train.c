@@ -99,6 +99,14 @@ static void note_error(sg_run *r, int code)
     sg_clear_error(r->ctx);
 }
 
+/* Before the end: the training goes on after an error, and stops where this is cancelled. */
+static void measure_between(sg_run *r)
+{
+    const int code = measure(r, false);
+    if (!was_cancelled(r, code))
+        note_error(r, code);
+}
+
 static int save(sg_run *r)
 {
     /* The log's line at a checkpoint carries the totals that a resumed run starts from. */
@@ -217,11 +225,8 @@ static void after_step(sg_run *r)
     note_error(r, sg_run_settle_log(r, false));
     if (due(r, p->save_every) && !last)
         note_error(r, save(r));
-    if (p->scene.eval && due(r, p->eval_every) && !last) {
-        const int code = measure(r, false);
-        if (!was_cancelled(r, code))
-            note_error(r, code);
-    }
+    if (p->scene.eval && due(r, p->eval_every) && !last)
+        measure_between(r);
 }
 
 /* A checkpoint comes before the measurement due with it, within which a process may have ended. */
@@ -233,9 +238,7 @@ static void measure_missed(sg_run *r)
         return;
     if (!p->scene.eval || !p->eval_every || !sg_due(it - 1, it, p->eval_every))
         return;
-    const int code = measure(r, false);
-    if (!was_cancelled(r, code))
-        note_error(r, code);
+    measure_between(r);
 }
 
 /* The training cannot continue. Saves the model so far. The checkpoint stays as it is, since this
