@@ -457,9 +457,9 @@ def _look(scene, audit, params):
     """The audit that the defense follows, or None, and the tolerances of tolerance="auto" without
     such an audit, or None. Takes "auto" out of params."""
     automatic = params.get("tolerance") == "auto"
+    if automatic:
+        del params["tolerance"]
     if isinstance(audit, dict) and "defense" in audit:
-        if automatic:
-            del params["tolerance"]
         return audit, None
     if audit not in (None, "defend", "refuse"):
         raise UsageError(f"audit: found {audit!r}, expected a result of audit(scene), "
@@ -470,8 +470,6 @@ def _look(scene, audit, params):
     if audit == "refuse" and found["verdict"] == "poisoned":
         raise PoisonedError(f"found poisoned photos (score {found['score']:.3f}), "
                             "expected clean ones")
-    if automatic:
-        del params["tolerance"]
     if audit == "defend" and found["verdict"] != "clean":
         return found, None
     return None, found["tolerances"] if automatic else None
