@@ -28,10 +28,10 @@ cat >expected <<'END'
 
 <!-- table: runs -->
 
-| name | Gaussians | PSNR, dB | options | commit |
-|---|---:|---:|---|---|
-| a | 1 234 567 | 30.1 |  | 5252453 |
-| b | **998** |  | `-w` | abc1234 |
+| name | Gaussians | PSNR, dB | options | commit | machine |
+|---|---:|---:|---|---|---|
+| a | 1 234 567 | 30.1 |  | 5252453 | one |
+| b | **998** |  | `-w` | abc1234 | one |
 
 <!-- end -->
 
