@@ -214,6 +214,7 @@ static void test_texts(void **state)
         assert_string_equal(back, text);
     }
     assert_true(sg_option_set(epsilon, &a, "inf", NULL, 0) && isinf(a.epsilon));
+    assert_false(sg_option_set(epsilon, &a, "1e999", NULL, 0));
     assert_false(sg_option_set(epsilon, &a, "7.5", NULL, 0));
     assert_false(sg_option_set(epsilon, &a, "256", NULL, 0));
 }

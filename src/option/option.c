@@ -170,8 +170,10 @@ static bool read_number(const struct sg_option *o, const char *text, double *v)
     const size_t word = o->negative ? strlen(o->negative) : 0;
     const bool negative = word && !strncmp(text, o->negative, word) && text[word] == ':';
     text += negative ? word + 1 : 0;
+    errno = 0;
     *v = sg_strtod(text, &end);
-    if (end == text || *end || (negative && !(*v > 0 && -*v >= o->low)))
+    const bool overflow = errno == ERANGE && isinf(*v); /* 1e999 does not mean inf */
+    if (end == text || *end || overflow || (negative && !(*v > 0 && -*v >= o->low)))
         return false;
     *v = negative ? -*v : *v;
     return true;
