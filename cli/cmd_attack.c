@@ -171,7 +171,8 @@ static int adopt_attack(struct attack_config *c, const bool *given, const char *
     return options_conflict(&command_attack, given, &now, c);
 }
 
-/* Shows one line for the proxy and one for the attack, each from its first step on. */
+/* Shows one line for the proxy and one for the attack. The first step of each only starts the
+ * clock: how long it took is not known here. */
 struct attack_progress {
     struct progress line;
     struct sg_attack_run_status status;
@@ -184,7 +185,7 @@ static int on_proxy_step(void *priv, const struct sg_train_step *step)
     struct attack_progress *p = priv;
     interrupt_by_steps();
     if (step && !p->proxy)
-        progress_begin(&p->line, p->quiet, step->iteration - 1, p->proxy_iterations);
+        progress_begin(&p->line, p->quiet, step->iteration, p->proxy_iterations);
     if (step)
         progress_step(&p->line, step);
     p->proxy |= step != NULL;
@@ -196,7 +197,7 @@ static int on_step(void *priv, const struct sg_attack_step *step)
     struct attack_progress *p = priv;
     interrupt_by_steps();
     if (step && !p->begun)
-        progress_begin(&p->line, p->quiet, p->status.first, p->status.iterations);
+        progress_begin(&p->line, p->quiet, step->iteration, p->status.iterations);
     if (step)
         progress_step(&p->line, &(struct sg_train_step){.iteration = step->iteration,
                                                         .loss = step->loss,
