@@ -47,6 +47,27 @@ static void defaults(void *config)
                                                             .scene = sg_scene_params_default()};
 }
 
+/* Refuses options of the scores that --method does not ask for. */
+static int check_method(const struct prune_config *c, const bool *given)
+{
+    static const char *const methods[][2] = {{"lightgaussian", "LightGaussian"}, /* its group */
+                                             {"pup", "PUP 3D-GS"},
+                                             {"spectral", "Spectral"}};
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(&command_prune, list);
+    for (size_t i = 0; i < n; i++)
+        for (int m = 0; m <= SG_PRUNER_SPECTRAL; m++)
+            if (given[i] && m != (int) c->prune.method &&
+                !strcmp(list[i].row->group, methods[m][1])) {
+                say(stderr,
+                    "splatguard prune: --%s: found with --method %s, expected --method %s with "
+                    "it\n",
+                    list[i].row->name, methods[c->prune.method][0], methods[m][0]);
+                return STATUS_USAGE;
+            }
+    return STATUS_DONE;
+}
+
 static int on_step(void *priv, const struct sg_train_step *step)
 {
     struct progress *p = priv;
@@ -139,7 +160,9 @@ static int run_prune(const void *config, const bool *given, const char *const *p
     sg_ctx *ctx = NULL;
     char path[PATH_MAX];
     const bool is_run = is_folder(positional[0]);
-    int code = open_engine_context(&ctx, c->threads, c->max_memory, c->max_vram, c->quiet);
+    int code = check_method(c, given);
+    if (!code)
+        code = open_engine_context(&ctx, c->threads, c->max_memory, c->max_vram, c->quiet);
     if (!code)
         code = report(ctx, sg_run_find_model(ctx, positional[0], c->iteration, path, sizeof(path)));
     if (!code && is_run)

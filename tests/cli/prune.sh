@@ -61,6 +61,8 @@ expect 1 prune run; says 'missing -o OUT.ply'
 expect 1 prune $model --scene scene/blender --iteration 5 -o x.ply; says "expected a run's folder"
 expect 1 prune run --ratio 2 -o x.ply; says '--ratio'
 expect 1 prune run --method magic -o x.ply; says '--method'
+expect 1 prune run --reduce 2 -o x.ply; says '--reduce: found with --method lightgaussian, expected --method pup'
+expect 1 prune run --method pup --volume-clip -o x.ply; says 'expected --method lightgaussian'
 expect 2 prune nothing.ply --scene scene/blender -o x.ply; says 'nothing.ply'
 printf 'ply\nformat ascii 1.0\nelement vertex 1\nend_header\n' >bad.ply
 expect 2 prune bad.ply --scene scene/blender -o x.ply; says 'bad.ply'
