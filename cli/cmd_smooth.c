@@ -63,7 +63,7 @@ static int write_scene(sg_ctx *ctx, const struct sg_scene *scene, const struct s
 static int run_smooth(const void *config, const bool *given, const char *const *positional,
                       int count)
 {
-    (void) given, (void) count;
+    (void) count;
     struct smooth_config copy = *(const struct smooth_config *) config, *c = &copy;
     struct sg_scene *scene = NULL;
     sg_output *output = NULL;
@@ -74,6 +74,9 @@ static int run_smooth(const void *config, const bool *given, const char *const *
         say(stderr, "splatguard smooth: --smooth: found off, expected a filter\n");
         return STATUS_USAGE;
     }
+    if (c->files.save == SG_POISON_PNG &&
+        options_given(&command_smooth, given, M(files.jpeg_quality)))
+        say(stderr, "warning: --jpeg-quality has no effect with --save png\n");
     c->scene.eval = c->views == 1;
     const int code = open_context(&ctx, c->threads, c->max_memory, c->quiet);
     if (code)

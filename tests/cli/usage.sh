@@ -23,6 +23,9 @@ grep -q '^splatguard [0-9]' out || fail "-V prints $(cat out)"
 expect 1 trian; says 'unknown command "trian"; did you mean train?'
 expect 1 help evl; says 'did you mean eval?'
 expect 1 rend; says 'did you mean render?'
+expect 2 train nowhere -o none --eval-every 5; says 'warning: --eval-every has no effect without --eval'
+expect 2 train nowhere -o none --eval-every 5 --eval
+grep -q 'warning' err && fail "--eval-every with --eval warns: $(cat err)"
 expect 1 train nowhere -o none --save_iterations 7000; says 'unknown option --save_iterations; --save-every N'
 expect 1 frobnicate; says 'unknown command "frobnicate"; splatguard --help'
 
