@@ -3,11 +3,15 @@
 #ifndef TESTS_ANCHOR_MODELS_H
 #define TESTS_ANCHOR_MODELS_H
 
+#include "math/real_f64.h"
+
+#include "engine/ref/ref_neural.h"
 #include "engine/scaffold/scaffold.h"
 #include "model/anchors.h"
 #include "models.h"
 
 #define PHOTOS 3 /* of which the networks have an appearance */
+#define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK | SG_PART_APPEARANCE)
 
 static inline struct sg_model *make_anchors(sg_ctx *ctx, size_t n, uint64_t seed)
 {
@@ -34,6 +38,24 @@ static inline struct sg_model *make_anchors(sg_ctx *ctx, size_t n, uint64_t seed
             networks->appearance[i].value[k] = draw(seed + 4, SG_APPEARANCE * i + k, -1, 1);
     networks->voxel = 0.01f;
     return m;
+}
+
+/* All of a model for the oracle. */
+static inline void oracle_anchors(const struct sg_model *m, struct ref_anchor *a,
+                                  struct ref_weights *w)
+{
+    const float *from = (const float *) &m->columns->networks->value;
+    for (size_t i = 0; i < SG_WEIGHTS; i++)
+        ((double *) w)[i] = (double) from[i];
+    for (size_t i = 0; i < m->count; i++) {
+        for (int k = 0; k < 3; k++) {
+            a[i].position[k] = (double) *sg_model_at(m, i, SG_P_XYZ + k);
+            a[i].reach[k] = (double) *sg_model_at(m, i, SG_P_SCALE + k);
+        }
+        for (int p = 0; p < SG_A_PLANES; p++)
+            a[i].anchor[p] =
+                (double) m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p)];
+    }
 }
 
 static inline struct sg_engine *make_scaffold(sg_ctx *ctx, struct engine_case c,
