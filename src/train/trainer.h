@@ -89,6 +89,12 @@ double sg_trainer_seconds_not_counting(const sg_trainer *t);
  * other views. Where memory runs out some of them stay as they were. */
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out);
 
+/* Hands the photo of a view to the engine, smoothed where it has to be: for the whole run, or for
+ * the next losses. */
+int sg_trainer_hold_photo(sg_trainer *t, size_t view, bool stays);
+/* Releases the photo of a view that the engine does not have any more. */
+void sg_trainer_let_go(sg_trainer *t, size_t view);
+
 /* Grey levels of noise from which photos are smoothed: less is not worth what smoothing costs. */
 #define SG_LEAST_SMOOTHED 10
 /* Photos with a tolerance are smoothed from now on. After an error the trainer cannot go on. */
