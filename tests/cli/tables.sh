@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# scripts/tables fills pages from TSV files, and notices pages and files that do not fit.
+# scripts/tables fills pages from TSV files, and notices pages and files that do not fit; bench/overview.py.
 . "$(dirname "$0")/common.sh"
 mkdir -p scripts docs/design bench/results
 cp "$source_dir/scripts/tables" scripts
@@ -63,3 +63,15 @@ marker other
 tables 1
 says 'cannot read bench/results/other.tsv'
 grep -q 'runs.tsv: no page shows it' out || fail "a file that no page shows is not reported"
+
+# The tables of scenes side by side are of the rows that are committed.
+if command -v python3 >/dev/null; then
+    mkdir side
+    cp "$source_dir"/bench/overview.py side
+    mkdir side/results
+    cp "$source_dir"/bench/results/evening.tsv side/results
+    python3 side/overview.py || fail "bench/overview.py failed"
+    for table in side/results/evening-*.tsv; do
+        cmp "$table" "$source_dir/bench/results/${table##*/}" || fail "bench/overview.py writes another $table"
+    done
+fi
