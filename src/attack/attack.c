@@ -308,7 +308,7 @@ static void take_values(const struct sg_step *result, struct sg_attack_step *ste
 {
     const struct sg_photometric_value value = result->photometric;
     step->loss = value.total, step->l1 = value.l1, step->ssim = value.ssim;
-    step->psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
+    step->psnr = sg_photometric_psnr(&value);
     step->tv = isnan(result->variation) ? step->tv : result->variation;
 }
 

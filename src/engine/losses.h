@@ -3,6 +3,7 @@
 #ifndef SG_ENGINE_LOSSES_H
 #define SG_ENGINE_LOSSES_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -83,6 +84,12 @@ static inline struct sg_photometric_value sg_photometric_value_of(double l1, dou
     const double s = l1 == 0 ? 1 : ssim, lambda = (double) lambda_dssim;
     return (struct sg_photometric_value){
         .l1 = l1, .ssim = s, .mse = mse, .total = (1 - lambda) * l1 + lambda * (1 - s)};
+}
+
+/* In dB; at most 100. */
+static inline double sg_photometric_psnr(const struct sg_photometric_value *v)
+{
+    return -10 * log10(v->mse > 1e-10 ? v->mse : 1e-10);
 }
 
 #endif

@@ -172,7 +172,7 @@ static void take_values(const sg_trainer *t, const struct sg_step *result,
         step->defense.total_variation = result->loss[SG_LOSS_TOTAL_VARIATION];
     }
     step->loss = value.total, step->l1 = value.l1, step->ssim = value.ssim;
-    step->psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
+    step->psnr = sg_photometric_psnr(&value);
 }
 
 static int iterate(sg_trainer *t, struct sg_train_step *out)
