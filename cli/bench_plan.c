@@ -210,7 +210,8 @@ static void add_folder(const char *path, size_t root, int depth, struct print *p
         closedir(d);
 }
 
-/* The index of a job with this configuration, which is taken over; -1 without memory. */
+/* The index of a job with this configuration, which is taken over; -1 without memory. This and what
+ * calls it say what is wrong. */
 static int add_job(struct reader *r, struct job job)
 {
     struct plan *p = r->plan;
@@ -230,6 +231,7 @@ static int add_job(struct reader *r, struct job job)
         struct job *more = realloc(p->jobs, (size_t) capacity * sizeof(*more));
         if (!more) {
             json_decref(job.config);
+            no_memory();
             return -1;
         }
         p->jobs = more, r->capacity = capacity;
@@ -305,9 +307,41 @@ static void add_engine(const struct plan *p, json_t *options)
     }
 }
 
+static const json_t *scene_options(const struct reader *r, const char *scene, const char *what)
+{
+    return json_object_get(in(r->plan->root, "scenes", scene), what);
+}
+
+/* Options of a scene go to all commands of its jobs, not only to `train`, which has them. */
+static bool are_known(const struct reader *r, const char *scene, enum job_kind kind)
+{
+    static const struct command *const commands[] = {[JOB_POISON] = &command_attack,
+                                                     [JOB_TRAIN] = &command_eval,
+                                                     [JOB_PRUNE] = &command_eval,
+                                                     [JOB_AUDIT] = &command_audit,
+                                                     [JOB_PICTURES] = &command_render};
+    static const char *const lists[] = {"size", "options"};
+    for (int l = 0; l < 2 && commands[kind]; l++) {
+        const json_t *options = scene_options(r, scene, lists[l]);
+        for (size_t i = 0; i < json_array_size(options); i++) {
+            const char *word = json_string_value(json_array_get(options, i)), *near, *text;
+            if (!is_option(word) || options_find(commands[kind], word, &text, &near))
+                continue;
+            wrong(r, "scenes.%s.%s: found %s, expected an option of %s too", scene, lists[l], word,
+                  commands[kind]->name);
+            return false;
+        }
+    }
+    return true;
+}
+
 static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, json_t *options,
                     const int *needs, int n_needs)
 {
+    if (!are_known(r, c->scene, kind)) {
+        json_decref(options);
+        return -1;
+    }
     struct job job = {.kind = kind,
                       .scene = c->scene,
                       .photos = c->photos,
@@ -323,11 +357,6 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
     memcpy(job.needs, needs, (size_t) n_needs * sizeof(*needs));
     job.n_needs = n_needs;
     return add_job(r, job);
-}
-
-static const json_t *scene_options(const struct reader *r, const char *scene, const char *what)
-{
-    return json_object_get(in(r->plan->root, "scenes", scene), what);
 }
 
 #define MERGE(lists) options_merge(lists, sizeof(lists) / sizeof((lists)[0]))
@@ -490,8 +519,10 @@ static int add_to_cells(struct reader *r, const struct cell *c, int job)
             !strcmp(p->cells[i].photos, c->photos) && !strcmp(p->cells[i].model, c->model))
             return 0;
     struct cell *more = realloc(p->cells, (size_t) (p->n_cells + 1) * sizeof(*more));
-    if (!more)
+    if (!more) {
+        no_memory();
         return -1;
+    }
     p->cells = more;
     p->cells[p->n_cells] = *c;
     p->cells[p->n_cells++].job = job;
@@ -549,11 +580,10 @@ static int add_block(struct reader *r, const json_t *block, size_t index)
         if (!in_shard(r, &c))
             continue;
         const int job = add_cell(r, &c);
-        if (job < 0)
-            return STATUS_INPUT;
-        if (add_to_cells(r, &c, job) || (is_on(r, "pictures") && add_pictures(r, &c, job) < 0) ||
+        if (job < 0 || add_to_cells(r, &c, job) ||
+            (is_on(r, "pictures") && add_pictures(r, &c, job) < 0) ||
             (is_on(r, "audit") && add_audit(r, &c)))
-            return no_memory();
+            return STATUS_INPUT;
     }
     return STATUS_DONE;
 }

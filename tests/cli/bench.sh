@@ -284,6 +284,8 @@ mistake 's/"synth".*/"path": "nowhere"}},/' 'scenes.s: found no file in ./nowher
 mistake 's/"train": \["--iterations"/"train": ["--iteration"/' 'train[0]: found --iteration, expected an option of train; did you mean --iterations?'
 mistake 's/"--epsilon", "16"/"--eps=16", "-Z"/' 'photos.noise[2]: found --eps, expected an option of attack; did you mean --epsilon?'
 mistake 's/"--finetune", "5"/"--cap-max", "5"/' 'defenses.lg[0]: found --cap-max, expected an option of prune'
+mistake 's/"size": \[/&"--smooth", "gaussian", /' 'scenes.s.size: found --smooth, expected an option of eval too'
+mistake 's/"size"/"options": ["-w"], &/' 'scenes.s.options: found --white-background, expected an option of attack too'
 mistake 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' 'photos.bad[1]: found {clean*2}, which only defenses can have'
 for limit in '{clean*-1}' '{clean*nan}' '{clean*0.5' '{claen}'; do
     sed "s/{clean\*0.5}/$limit/" plan.json >bad.json
