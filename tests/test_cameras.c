@@ -61,6 +61,22 @@ static void written_and_read(void **state)
     sg_cameras_destroy(&back, &n);
 }
 
+/* As those of NeRF-Synthetic: test photos come first, and have the names of training photos. */
+static void same_names(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const names[] = {"b", "c_0", "c_2", "c_3"};
+    struct sg_view *views;
+    size_t n;
+    put_text(f, "cameras.json",
+             "[" CAMERA("c") "," CAMERA("b") "," CAMERA("c") "," CAMERA("c") "]");
+    assert_int_equal(sg_cameras_read_json(f->ctx, at(f, "cameras.json"), NULL, &views, &n), SG_OK);
+    assert_int_equal(n, 4);
+    for (size_t i = 0; i < n; i++)
+        assert_string_equal(views[i].name, names[i]);
+    sg_cameras_destroy(&views, &n);
+}
+
 static void refused(void **state)
 {
     struct fixture *f = *state;
@@ -71,7 +87,7 @@ static void refused(void **state)
         {"{}", "found 0 cameras"},
         {"[]", "found 0 cameras"},
         {"[1]", "camera 0: camera: found the number 1, expected an object"},
-        {"[" CAMERA("a") "," CAMERA("a") "]", "found two cameras of \"a\""},
+        {"[" CAMERA("a") "," CAMERA("a_2") "," CAMERA("a") "]", "found two cameras of \"a_2\""},
         {"[" CAMERA("a") "," CAMERA("../b") "]", "camera 1: img_name: found the string \"../b\""},
         {"[" CAMERA("") "]", "img_name"},
         {"[{" SIZE ",\"fx\":30,\"fy\":31," POSE "}]", "img_name: found nothing"},
@@ -126,6 +142,7 @@ static void refused(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {scene_test(written_and_read), scene_test(refused)};
+    const struct CMUnitTest tests[] = {scene_test(written_and_read), scene_test(same_names),
+                                       scene_test(refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

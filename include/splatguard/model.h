@@ -118,10 +118,11 @@ SG_API void sg_points_destroy(float **xyz, uint8_t **rgb);
  * is not the centre is written too, as cx and cy, which the reference does not have. */
 SG_API int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path);
 /* The cameras of such a file, for renders without a scene: views in the order of their names,
- * without photos (rgb, file and path are NULL). params: resolution, downscale, centred_principal,
- * max_pixels and max_images; NULL = the defaults. The caller owns *out, until sg_cameras_destroy.
- * Errors: SG_ERR_USAGE for values out of range; SG_ERR_INPUT, also for names that repeat or have a
- * "/"; SG_ERR_BUDGET. */
+ * without photos (rgb, file and path are NULL). A name that repeats becomes NAME_I in all of its
+ * cameras, I being their number in the file, from 0. params: resolution, downscale,
+ * centred_principal, max_pixels and max_images; NULL = the defaults. The caller owns *out, until
+ * sg_cameras_destroy. Errors: SG_ERR_USAGE for values out of range; SG_ERR_INPUT, also for names
+ * with a "/", and those that repeat even so; SG_ERR_BUDGET. */
 SG_API int sg_cameras_read_json(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                                 struct sg_view **out, size_t *n);
 SG_API void sg_cameras_destroy(struct sg_view **views, size_t *n); /* sets both to 0 */

@@ -162,6 +162,36 @@ static int by_name(const void *a, const void *b)
     return strcmp(((const struct sg_view *) a)->name, ((const struct sg_view *) b)->name);
 }
 
+static int by_pointed_name(const void *a, const void *b)
+{
+    return by_name(*(struct sg_view *const *) a, *(struct sg_view *const *) b);
+}
+
+/* A training and a test photo may have one name, as those of NeRF-Synthetic do: such cameras get
+ * their number in the file behind it. */
+static int number_twins(sg_ctx *ctx, struct sg_view *views, size_t count)
+{
+    struct sg_view **sorted = sg_alloc_raw(ctx, SG_MEM_MISC, count, sizeof(*sorted));
+    if (!sorted)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < count; i++)
+        sorted[i] = &views[i];
+    qsort(sorted, count, sizeof(*sorted), by_pointed_name);
+    int code = SG_OK;
+    for (size_t i = 0, end; i < count && !code; i = end) {
+        for (end = i + 1; end < count && !by_name(sorted[i], sorted[end]);)
+            end++;
+        for (size_t k = i; k < end && end - i > 1 && !code; k++) {
+            char *old = sorted[k]->name;
+            sorted[k]->name = sg_strf(ctx, "%s_%zu", old, (size_t) (sorted[k] - views));
+            code = sorted[k]->name ? SG_OK : SG_ERR_BUDGET;
+            sg_free(old);
+        }
+    }
+    sg_free(sorted);
+    return code;
+}
+
 static int read_list(sg_ctx *ctx, const char *path, const json_t *list,
                      const struct sg_scene_params *params, struct sg_view **out, size_t *n)
 {
@@ -177,6 +207,8 @@ static int read_list(sg_ctx *ctx, const char *path, const json_t *list,
         snprintf(where, sizeof(where), "%.4096s: camera %zu", path, i);
         code = read_camera(ctx, where, json_array_get(list, i), params, &views[i]);
     }
+    if (!code)
+        code = number_twins(ctx, views, count);
     if (code)
         return code;
     qsort(views, count, sizeof(*views), by_name);

@@ -41,6 +41,10 @@ expect 2 render run --cameras run/config.json -o none; says 'run/config.json: fo
 expect 2 render run --cameras run/cameras.json -o run; says 'around the input'
 [ ! -e none ] || fail "a folder of a refused render"
 mv moved scene
+# A training and a test photo of one name.
+expect 0 train scene/blender -o both --eval --iterations 1 --init-points 500 --quiet
+expect 0 render both --cameras both/cameras.json -o all -q
+[ "$(find all -name '*.png' | wc -l)" -eq 8 ] || fail "not a picture of each camera: $(ls all)"
 
 # What cannot end well is refused before the photos are read.
 refused() { expect 2 "$@"; grep -q 'scene, .* views' err && fail "photos were read in vain: $*"; }
