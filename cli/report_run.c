@@ -28,7 +28,8 @@ static double number_of(const json_t *line, const char *key)
     return json_is_number(v) ? json_number_value(v) : NAN;
 }
 
-static void take_line(struct curves *c, const json_t *line, size_t stride, size_t seen)
+/* seen: lines of iterations before it. */
+static void take_line(struct curves *c, const json_t *line, size_t stride, size_t *seen)
 {
     const double test = number_of(line, "test_psnr"), iteration = number_of(line, "iteration");
     if (!isfinite(iteration))
@@ -36,7 +37,7 @@ static void take_line(struct curves *c, const json_t *line, size_t stride, size_
     if (isfinite(test) && c->n_tests < POINTS_MAX) {
         c->tests[c->n_tests][0] = iteration;
         c->tests[c->n_tests++][1] = test;
-    } else if (!isfinite(test) && seen % stride == 0 && c->n < POINTS_MAX) {
+    } else if (!isfinite(test) && (*seen)++ % stride == 0 && c->n < POINTS_MAX) {
         for (int k = 0; k < COLUMNS; k++)
             c->rows[c->n][k] = number_of(line, column_names[k]);
         c->n++;
@@ -79,7 +80,7 @@ static int read_log(const char *folder, struct curves *c)
         rewind(f);
     while (f && fgets(line, LINE_MAX_BYTES, f) && strlen(line) < LINE_MAX_BYTES - 1) {
         json_t *object = json_loads(line, JSON_REJECT_DUPLICATES, NULL);
-        take_line(c, object, lines / POINTS_MAX + 1, seen++);
+        take_line(c, object, lines / POINTS_MAX + 1, &seen);
         json_decref(object);
     }
     free(line);

@@ -99,6 +99,11 @@ expect 0 report "$name" -o page -q --scene gone/colmap
 grep -q 'data:image' $page || fail "no pictures of --scene"
 printf '{"iteration": 1e999}\n\377\376\n[]\n{"iteration": "x"}\n{"iteration": 5, "gaussians": 1e300, "loss": null}\n{"itera' >"$name/log.jsonl"
 expect 0 report "$name" -o page -q
+# Of a long log some iterations are left out, evenly, whatever is logged between them.
+awk 'BEGIN { for (i = 1; i <= 2500; i++) printf "{\"filter\": %d}\n{\"iteration\": %d, \"loss\": %f}\n", i, i, 1 / i }' >"$name/log.jsonl"
+expect 0 report "$name" -o page -q
+points=$(grep -o '<path class=curve d="[^"]*' $page | tr -cd L | wc -c)
+[ "$points" -gt 1000 ] || fail "a curve of $points points, expected more than 1000 of 2500"
 # Numbers that no axis can have; the size is limited so that an axis without end does not fill the disk.
 for psnr in '1e16 10000000000000002' '1e17 1e17' '-1e308 1e308' '5e-324 0'; do
     for number in $psnr; do
