@@ -288,10 +288,10 @@ static int check_unmeasured(const bool *given)
     const char *scene = options_given_of(&command_compare, given, &compare_parts[0]),
                *render = options_given_of(&command_compare, given, &compare_parts[1]),
                *name = scene ? scene : render;
-    if (options_given(&command_compare, given, offsetof(struct compare_config, m.split)))
-        name = "split";
-    if (options_given(&command_compare, given, offsetof(struct compare_config, m.iteration)))
-        name = "iteration";
+    for (const struct sg_option *o = compare_options; o->name; o++)
+        if (!strcmp(o->group, MODEL_GROUP) && strcmp(o->name, "quiet") &&
+            options_given(&command_compare, given, o->offset))
+            name = o->name;
     if (!name)
         return STATUS_DONE;
     say(stderr, "splatguard compare: --%s: found without effect, expected --scene with it\n", name);

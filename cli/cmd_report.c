@@ -130,9 +130,11 @@ static int run_report(const void *config, const bool *given, const char *const *
     interrupt_catch();
     if (count == 1 && is_folder(positional[0]))
         return report_of_run(positional[0], c, given);
-    if (c->m.scene_path) {
-        say(stderr, "splatguard report: --scene: found without effect on a database, expected the "
-                    "folder of a run\n");
+    if (c->m.scene_path || c->m.max_memory) {
+        say(stderr,
+            "splatguard report: --%s: found without effect on a database, expected the folder of a "
+            "run\n",
+            c->m.scene_path ? "scene" : "max-memory");
         return STATUS_USAGE;
     }
     int code = STATUS_DONE;

@@ -95,6 +95,13 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
                 place, o->scene_path);
             return STATUS_USAGE;
         }
+        if (o->iteration) {
+            say(stderr,
+                "splatguard view: --iteration: found without effect on the scene %s, expected a "
+                "run's folder\n",
+                place);
+            return STATUS_USAGE;
+        }
         o->scene_path = place;
     } else if (!code)
         code = report(v->ctx, sg_run_find_model(v->ctx, place, o->iteration, path, sizeof(path)));

@@ -13,7 +13,9 @@ if [ -n "${SG_TEST_ENGINE-}" ]; then
     mkdir "$work.tool"
     cat >"$work.tool/splatguard" <<END
 #!/bin/sh
-case "\${1-}" in train | eval | render | attack | compare | prune | view | export)
+measured=- # compare draws with --scene only
+case " \$* " in *' --scene '*) measured=compare ;; esac
+case "\${1-}" in train | eval | render | attack | "\$measured" | prune | view | export)
     case " \$* " in *' --engine '* | *' --backend '* | *' --cpu '* | *' --help '*) ;; *) set -- "\$@" --engine '$SG_TEST_ENGINE' ;; esac ;;
 esac
 exec '$tool' "\$@"

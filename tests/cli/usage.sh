@@ -67,12 +67,15 @@ expect 1 synth -o scene -o other; says '--output: found twice'
 : >model.ply
 expect 1 eval model.ply --scene scene --iteration 3; says "--iteration: found with the model model.ply, expected a run's folder"
 expect 1 spectrum a.png --crop 0,0,8,8; says '--crop: found without a picture'
-for option in '--split train' '--iteration 3' '--downscale 2' '--mip-kernel 0.1'; do
+for option in '--split train' '--iteration 3' '--downscale 2' '--mip-kernel 0.1' '--engine ref' '--threads 2' '--max-memory 1G'; do
     expect 1 compare run $option; says "${option% *}: found without effect, expected --scene with it"
 done
 expect 1 info model.ply --downscale 2; says '--downscale: found without effect on model.ply, expected a scene'
 expect 1 info --devices --downscale 2; says '--downscale: found without effect on --devices, expected a scene'
 expect 1 report model.ply -o page --scene scene; says '--scene: found without effect on a database'
+expect 1 report model.ply -o page --max-memory 1G; says '--max-memory: found without effect on a database'
+mkdir photos
+expect 1 view photos --iteration 3; says '--iteration: found without effect on the scene photos'
 
 # Ranges are those of the option that a value came from.
 expect 1 train scene -o run -r 0; says '--resolution: found "0", expected a whole number from -1 to 16384, but not 0'
