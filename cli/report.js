@@ -153,8 +153,8 @@ function series(id, title, list, low, at) {
     const points = list.flatMap(l => l.points);
     if (!points.length) return document.getElementById(id).replaceChildren();
     const ys = points.map(p => p[1]), x = points.map(p => p[0]);
-    const {svg, px, py} = plot(id, title, [least(x, 0), most(x, -Infinity)],
-        [least(ys, low), most(ys, -Infinity) * 1.05], true);
+    const lowest = least(ys, low), highest = most(ys, -Infinity); // logarithms can all be below 0
+    const {svg, px, py} = plot(id, title, [least(x, 0), most(x, -Infinity)], [lowest, highest + .05 * (highest - lowest)], true);
     for (const l of list) {
         element(svg, 'path', {d: 'M' + l.points.map(p => px(p[0]).toFixed(1) + ' ' + py(p[1]).toFixed(1)).join('L'),
             fill: 'none', stroke: colour(l.defense), 'stroke-width': 2, 'stroke-dasharray': l.dashed ? '5 4' : 'none'});

@@ -199,6 +199,14 @@ figure() { tr -d '\n' <many.html | grep -o "<figure id=\"$1\".*" | sed 's/<\/fig
 [ "$(figure gaussians | grep -o 'fill: #[0-9a-f]*' | sort -u | wc -l)" -eq 20 ] || fail "two defenses with one colour"
 figure quality | grep -o 'cy="[^"]*"' | tr -dc '0-9.\n' | sort -g | awk 'NR == 1 { a = $1 } END { exit $1 - a < 150 }' || fail "dB from 0"
 
+# Energies far below 1 stay below the top of the figure.
+cp r.db dark.db
+sqlite3 dark.db "update spectrum set value=1e-9 * value where kind='radial'"
+expect 0 report dark.db -o dark -q
+dom "$browser" dark/report.html >dark.html
+tr -d '\n' <dark.html | grep -o '<figure id="radial".*' | sed 's/<\/figure>.*//' | grep -o '<path d="M[^"]*" fill="none"' |
+    grep -o '[0-9.-]\+ [0-9.-]\+' | awk '{ n++ } $2 < 16 { above++ } END { exit !n || above }' || fail "a curve leaves its figure"
+
 # Curves of more points than a call may have arguments.
 cp r.db long.db
 sqlite3 long.db "with recursive n(i) as (select 100 union all select i + 1 from n where i < 150000)
