@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* splatguard audit: are these photos poisoned? */
-
-#include <string.h>
-
 #include "commands.h"
 #include "interrupt.h"
 #include "photo_folder.h"
@@ -109,22 +106,16 @@ static int verdict_status(enum sg_audit_verdict verdict)
 }
 
 /* Photos without cameras are taken as they are. */
-static int check_photo_options(const struct audit_config *c, const bool *given, const char *path)
+static int check_photo_options(const bool *given, const char *path)
 {
-    static const char used[] = "|test-every|follow-links|strict|";
-    char name[80];
-    for (const struct sg_option *row = sg_scene_options(); row->name; row++) {
-        const size_t at = (size_t) ((const char *) &c->scene - (const char *) c) + row->offset;
-        snprintf(name, sizeof(name), "|%s|", row->name);
-        if (strstr(used, name) || !options_given(&command_audit, given, at))
-            continue;
+    const char *unused =
+        options_given_of(&command_audit, given, &audit_parts[0], "test-every|follow-links|strict");
+    if (unused)
         say(stderr,
             "splatguard audit: --%s: found without effect on %s, which has photos but no cameras; "
             "expected a scene\n",
-            row->name, path);
-        return STATUS_USAGE;
-    }
-    return STATUS_DONE;
+            unused, path);
+    return unused ? STATUS_USAGE : STATUS_DONE;
 }
 
 static int run_audit(const void *config, const bool *given, const char *const *positional,
@@ -137,7 +128,7 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     struct sg_audit *audit = NULL;
     struct photo_folder *photos = NULL;
     const bool alone = is_photo_folder(positional[0]);
-    int code = alone ? check_photo_options(config, given, positional[0]) : STATUS_DONE;
+    int code = alone ? check_photo_options(given, positional[0]) : STATUS_DONE;
     if (is_photo(positional[0])) {
         say(stderr, "splatguard audit: %s: found a photo, expected a scene or a folder of photos\n",
             positional[0]);

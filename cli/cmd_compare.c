@@ -285,8 +285,8 @@ static int print_json(const struct run *runs, int n)
 /* Without --scene nothing is drawn: the numbers are those that the runs have written. */
 static int check_unmeasured(const bool *given)
 {
-    const char *scene = options_given_of(&command_compare, given, &compare_parts[0]),
-               *render = options_given_of(&command_compare, given, &compare_parts[1]),
+    const char *scene = options_given_of(&command_compare, given, &compare_parts[0], NULL),
+               *render = options_given_of(&command_compare, given, &compare_parts[1], NULL),
                *name = scene ? scene : render;
     for (const struct sg_option *o = compare_options; o->name; o++)
         if (!strcmp(o->group, MODEL_GROUP) && strcmp(o->name, "quiet") &&

@@ -160,7 +160,7 @@ static int info_model(sg_ctx *ctx, const char *place, bool json)
 static int run_info(const void *config, const bool *given, const char *const *positional, int count)
 {
     const struct info_config *c = config;
-    const char *of_scene = options_given_of(&command_info, given, &info_parts[0]);
+    const char *of_scene = options_given_of(&command_info, given, &info_parts[0], NULL);
     if (c->devices && count)
         say(stderr, "splatguard info: found %s and --devices, expected one of them\n",
             positional[0]);

@@ -263,15 +263,16 @@ static int run_render(const void *config, const bool *given, const char *const *
         say(stderr, "splatguard render: --photo: found --path too, whose frames have no photos\n");
         return STATUS_USAGE;
     }
-    if (c->m.cameras &&
-        (c->photo || c->m.scene_path ||
-         options_given(&command_render, given, offsetof(struct render_config, m.split)))) {
+    const char *of_photos = options_given_of(
+        &command_render, given, &render_parts[0],
+        "resolution|downscale|white-background|centred-principal"); /* those of cameras */
+    if (options_given(&command_render, given, offsetof(struct render_config, m.split)))
+        of_photos = "split";
+    of_photos = c->photo ? "photo" : c->m.scene_path ? "scene" : of_photos;
+    if (c->m.cameras && of_photos) {
         say(stderr,
-            "splatguard render: --%s: found --cameras too, which has neither photos nor "
-            "splits\n",
-            c->photo          ? "photo"
-            : c->m.scene_path ? "scene"
-                              : "split");
+            "splatguard render: --%s: found --cameras too, which has neither photos nor splits\n",
+            of_photos);
         return STATUS_USAGE;
     }
     if (!c->path && options_given(&command_render, given, offsetof(struct render_config, frames))) {

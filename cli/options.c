@@ -253,10 +253,10 @@ bool options_given(const struct command *c, const bool *given, size_t offset)
 }
 
 const char *options_given_of(const struct command *c, const bool *given,
-                             const struct option_part *part)
+                             const struct option_part *part, const char *without)
 {
     for (const struct sg_option *o = part->rows(); o->name; o++)
-        if (options_given(c, given, part->at + o->offset))
+        if (options_given(c, given, part->at + o->offset) && !is_in(without, o->name))
             return o->name;
     return NULL;
 }

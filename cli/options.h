@@ -98,9 +98,10 @@ json_t *number_json(double v);
 
 /* Whether the command line has the option of the config's member at an offset. */
 bool options_given(const struct command *c, const bool *given, size_t offset);
-/* The name of one of a part's options that the command line has, or NULL. */
+/* The name of one of a part's options that the command line has, or NULL. without: names that do
+ * not count, "one|two", or NULL. */
 const char *options_given_of(const struct command *c, const bool *given,
-                             const struct option_part *part);
+                             const struct option_part *part, const char *without);
 
 /* Gives an option that the command line does not have a value, by its name. */
 void options_preset(const struct command *c, const bool *given, void *config, const char *name,

@@ -37,6 +37,7 @@ expect 0 render run --cameras run/cameras.json -o turned --path ellipse --frames
 expect 1 render run --cameras run/cameras.json -o none --photo; says '--photo: found --cameras too'
 expect 1 render run --cameras run/cameras.json -o none --split test; says '--split: found --cameras too'
 expect 1 render run --cameras run/cameras.json -o none --scene moved; says '--scene: found --cameras too'
+expect 1 render run --cameras run/cameras.json -o none --masks masks; says '--masks: found --cameras too'
 expect 2 render run --cameras run/config.json -o none; says 'run/config.json: found 0 cameras'
 expect 2 render run --cameras run/cameras.json -o run; says 'around the input'
 [ ! -e none ] || fail "a folder of a refused render"
