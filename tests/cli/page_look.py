@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""page_look.py URL: a page on a phone and on a desk, in light and dark: nothing is too wide, too small to read, or faint."""
+"""page_look.py URL: a page on a phone and on a desk, in light and dark: nothing is too wide, too small to read, or faint,
+and on paper no table is cut off."""
 import sys
 
 import browser
@@ -32,6 +33,9 @@ try:
                 }));
             })()""")
             assert contrast >= 4.5, "%s: a contrast of %.1f" % (where, contrast)
+    b.call("Emulation.setEmulatedMedia", media="print")
+    cut = b.evaluate("""[...document.querySelectorAll('.wide')].filter(e => getComputedStyle(e).overflowX !== 'visible').length""")
+    assert not cut, "on paper: %d tables that would have to be scrolled" % cut
     assert not b.complaints(), b.complaints()
     foreign = [url for url in b.requests() if not url.startswith((sys.argv[1], "data:"))]
     assert not foreign, foreign
