@@ -47,7 +47,7 @@ function plot(id, title, x, y, numbers) {
     const figure = document.getElementById(id);
     figure.replaceChildren();
     width = Math.max(300, Math.min(900, figure.clientWidth || 900));
-    right = width < narrow ? 12 : 180, bottom = width < narrow && !numbers ? 90 : 40;
+    right = width < narrow ? 24 : 180, bottom = width < narrow && !numbers ? 90 : 40;
     const svg = element(figure, 'svg', {viewBox: `0 0 ${width} ${height}`, width, role: 'img', 'aria-label': title});
     const span = v => v[1] > v[0] ? v : [v[0] - 1, v[0] + 1];
     x = span(x), y = span(y);
@@ -69,13 +69,18 @@ function plot(id, title, x, y, numbers) {
 
 // Beside the figure, or below it where there is no room.
 function legend(svg, names, paint = colour) {
-    const below = width < narrow || names.length > rows, columns = below ? Math.max(1, Math.floor((width - left) / 190)) : 1,
-        x = below ? left : width - right + 16, y = below ? height + 4 : top_;
-    names.forEach((name, i) => {
-        const at = [x + 190 * (i % columns), y + 20 * Math.floor(i / columns)];
-        element(svg, 'rect', {x: at[0], y: at[1], width: 12, height: 12, style: `fill: ${paint(name)}`});
-        element(svg, 'text', {x: at[0] + 18, y: at[1] + 11}, name);
+    const entries = names.map(name => {
+        const entry = element(svg, 'g', {});
+        element(entry, 'rect', {width: 12, height: 12, style: `fill: ${paint(name)}`});
+        element(entry, 'text', {x: 18, y: 11}, name);
+        return entry;
     });
+    const longest = most(entries.map(e => e.lastChild.getComputedTextLength()), 0), step = Math.max(190, longest + 36),
+        below = width < narrow || names.length > rows || longest > right - 34,
+        x = below ? Math.max(0, Math.min(left, width - longest - 18)) : width - right + 16, y = below ? height + 4 : top_,
+        columns = below ? Math.max(1, Math.floor((width - x) / step)) : 1;
+    entries.forEach((e, i) =>
+        e.setAttribute('transform', `translate(${x + step * (i % columns)} ${y + 20 * Math.floor(i / columns)})`));
     if (below) svg.setAttribute('viewBox', `0 0 ${width} ${y + 20 * Math.ceil(names.length / columns)}`);
 }
 

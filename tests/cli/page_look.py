@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""page_look.py URL: a page on a phone and on a desk, in light and dark: nothing is too wide, too small to read, or faint,
-and on paper no table is cut off."""
+"""page_look.py URL: a page on a phone and on a desk, in light and dark: nothing is too wide, too small to read, faint or cut off,
+and on paper no table is."""
 import sys
 
 import browser
@@ -22,6 +22,11 @@ try:
                 return Math.hypot(m.a, m.b) * parseFloat(getComputedStyle(t).fontSize) < 11.5;
             }).length""")
             assert not small, "%s: %d labels below 11.5 pixels" % (where, small)
+            cut = b.evaluate("""[...document.querySelectorAll('svg text')].filter(t => {
+                const a = t.getBoundingClientRect(), b = t.ownerSVGElement.getBoundingClientRect();
+                return a.left < b.left - 1 || a.right > b.right + 1 || a.top < b.top - 1 || a.bottom > b.bottom + 1;
+            }).map(t => t.textContent)""")
+            assert not cut, "%s: labels that are cut off: %s" % (where, cut)
             # Of text, by the definition of the Web Content Accessibility Guidelines.
             contrast = b.evaluate("""(() => {
                 const light = c => c.match(/[\\d.]+/g).slice(0, 3).map(v => v / 255).map(v => v <= .04045 ? v / 12.92 : ((v + .055) / 1.055) ** 2.4)

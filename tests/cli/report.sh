@@ -190,6 +190,11 @@ cp r.db many.db
 for i in $(seq 30); do sqlite3 many.db "insert into cell(plan, position, key, kind, scene, photos, defense, model, seed)
     select plan, position + 1000 * $i, key, kind, scene, photos, 'd$i', model, seed from cell where defense='lg'"; done
 expect 0 report many.db -o many -q
+# Names and numbers of any length are on the page as a whole.
+cp r.db wide.db
+sqlite3 wide.db "update cell set defense='a-defense-with-a-long-name' where defense='lg'; update curve set iteration=1000 * iteration"
+expect 0 report wide.db -o wide -q
+command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/page_look.py" "file://$work/wide/report.html" || fail "the look of long names"; }
 dom "$browser" many/report.html >many.html
 command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/report_choose.py" "file://$work/many/report.html" || fail "the choice"; }
 figure() { tr -d '\n' <many.html | grep -o "<figure id=\"$1\".*" | sed 's/<\/figure>.*//'; }
