@@ -212,7 +212,8 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
 
 static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
 {
-    fprintf(f, "<h2>All photos</h2>\n<div class=wide><table><tr><th scope=col>photo<th "
+    fprintf(f, "<h2>All photos</h2>\n"
+               "<div class=wide><table><tr><th scope=col>photo<th "
                "scope=col>verdict<th scope=col>score"
                "<th scope=col>amplitude<th scope=col>oscillation down<th scope=col>across<th "
                "scope=col>in quiet parts<th scope=col>of colours"
@@ -223,13 +224,19 @@ static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
         const struct sg_audit_features *x = &m->features;
         fprintf(f, "<tr><td>");
         put_text(f, m->name);
+        fprintf(f, "<td class=%s>%s", sg_audit_verdict_name(m->verdict),
+                sg_audit_verdict_name(m->verdict));
+        if (m->verdict == SG_AUDIT_UNSEEN) { /* nothing was measured */
+            fprintf(f, "<td colspan=12>\n");
+            continue;
+        }
         fprintf(f,
-                "<td class=%s>%s<td>%.3f<td>%.0f &plusmn; "
+                "<td>%.3f<td>%.0f &plusmn; "
                 "%.0f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%."
                 "3f\n",
-                sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score,
-                m->tau, m->tau_error, x->osc_down, x->osc_across, x->osc_quiet, x->osc_chroma,
-                x->osc_share, x->noisy, x->half_osc, x->quarter_osc, x->slope, x->anisotropy);
+                m->score, m->tau, m->tau_error, x->osc_down, x->osc_across, x->osc_quiet,
+                x->osc_chroma, x->osc_share, x->noisy, x->half_osc, x->quarter_osc, x->slope,
+                x->anisotropy);
     }
     fprintf(f, "</table></div>\n");
 }
