@@ -212,13 +212,15 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
 
 static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
 {
-    fprintf(f, "<h2>All photos</h2>\n"
-               "<div class=wide><table><tr><th scope=col>photo<th "
-               "scope=col>verdict<th scope=col>score"
-               "<th scope=col>amplitude<th scope=col>oscillation down<th scope=col>across<th "
-               "scope=col>in quiet parts<th scope=col>of colours"
-               "<th scope=col>share of variation<th scope=col>noisy<th scope=col>at half size<th "
-               "scope=col>at a quarter<th scope=col>spectral slope<th scope=col>anisotropy\n");
+    fprintf(f,
+            "<h2>All photos</h2>\n<p>Amplitude and oscillation, also at smaller sizes, are in grey "
+            "levels; noisy is a share of the area.\n"
+            "<div class=wide><table><tr><th scope=col>photo<th "
+            "scope=col>verdict<th scope=col>score"
+            "<th scope=col>amplitude<th scope=col>oscillation down<th scope=col>across<th "
+            "scope=col>in quiet parts<th scope=col>of colours"
+            "<th scope=col>share of variation<th scope=col>noisy<th scope=col>at half size<th "
+            "scope=col>at a quarter<th scope=col>spectral slope<th scope=col>anisotropy\n");
     for (size_t i = 0; i < a->count; i++) {
         const struct sg_audit_image *m = &a->images[order[i]];
         const struct sg_audit_features *x = &m->features;
