@@ -1,5 +1,8 @@
 # Every tests/test_*.c is one cmocka program and one CTest entry. Tests may include the library's private headers.
-pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under sanitizers
+pkg_check_modules(CMOCKA IMPORTED_TARGET cmocka) # plain C, works under sanitizers
+if(NOT CMOCKA_FOUND)
+    message(FATAL_ERROR "The tests need cmocka, which is missing; -DBUILD_TESTING=OFF leaves them out")
+endif()
 # Labels select tests for the parts of ./check: `threads` for the thread sanitizer, `package` for what is installed, `slow`
 # for what sanitizers and other compilers need not repeat, `script` for what another compiler need not repeat, `fuzz`,
 # `memory`. A new test gets `threads`, unless it is listed here: it has one thread, or those of test_trainer (test_budget).
