@@ -97,7 +97,7 @@ struct sg_gzip {
     unsigned char out[PIECE];
 };
 
-int sg_gzip_open(sg_ctx *ctx, FILE *to, struct sg_gzip **out)
+int sg_gzip_open(sg_ctx *ctx, const char *path, FILE *to, struct sg_gzip **out)
 {
     struct sg_gzip *g = *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*g));
     if (!g)
@@ -109,7 +109,7 @@ int sg_gzip_open(sg_ctx *ctx, FILE *to, struct sg_gzip **out)
         return SG_OK;
     sg_free(g);
     *out = NULL;
-    return sg_fail(ctx, SG_ERR_BUDGET, "no memory to compress");
+    return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory to compress", path);
 }
 
 static void deflate_all(struct sg_gzip *g, int flush)
@@ -142,16 +142,15 @@ void sg_gzip_finish(struct sg_gzip **g)
 
 #else
 
-static int missing(sg_ctx *ctx)
+static int missing(sg_ctx *ctx, const char *path)
 {
-    return sg_fail(ctx, SG_ERR_USAGE, "spz: this build has no zlib");
+    return sg_fail(ctx, SG_ERR_USAGE, "%s: .spz needs zlib, which this build lacks", path);
 }
 
 int sg_gunzip_open(sg_ctx *ctx, struct sg_source *in, struct sg_gunzip **out)
 {
-    (void) in;
     *out = NULL;
-    return missing(ctx);
+    return missing(ctx, in->path);
 }
 
 int sg_gunzip_read(struct sg_gunzip *g, void *to, size_t n)
@@ -171,11 +170,11 @@ void sg_gunzip_close(struct sg_gunzip **g)
     (void) g;
 }
 
-int sg_gzip_open(sg_ctx *ctx, FILE *to, struct sg_gzip **out)
+int sg_gzip_open(sg_ctx *ctx, const char *path, FILE *to, struct sg_gzip **out)
 {
     (void) to;
     *out = NULL;
-    return missing(ctx);
+    return missing(ctx, path);
 }
 
 void sg_gzip_write(struct sg_gzip *g, const void *bytes, size_t n)

@@ -17,7 +17,8 @@ int sg_gunzip_finish(struct sg_gunzip *g);
 void sg_gunzip_close(struct sg_gunzip **g); /* NULL-safe */
 
 struct sg_gzip;
-int sg_gzip_open(sg_ctx *ctx, FILE *to, struct sg_gzip **out);
+/* path: of the file that is written, for messages. */
+int sg_gzip_open(sg_ctx *ctx, const char *path, FILE *to, struct sg_gzip **out);
 /* What cannot be written is noticed where the file is committed. */
 void sg_gzip_write(struct sg_gzip *g, const void *bytes, size_t n);
 void sg_gzip_finish(struct sg_gzip **g); /* writes the rest and closes; NULL-safe */

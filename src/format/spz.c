@@ -315,12 +315,13 @@ static void put_header(uint8_t to[HEADER], const struct header *h)
     to[12] = (uint8_t) h->sh_degree, to[13] = (uint8_t) h->fraction;
 }
 
-static int write_gzip(sg_ctx *ctx, const struct sg_model *m, FILE *f, const struct header *h)
+static int write_gzip(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path,
+                      const struct header *h)
 {
     struct array list[ARRAYS];
     uint8_t bytes[HEADER];
     struct sg_gzip *g;
-    const int code = sg_gzip_open(ctx, f, &g);
+    const int code = sg_gzip_open(ctx, path, f, &g);
     if (code)
         return code;
     put_header(bytes, h);
@@ -476,5 +477,7 @@ int sg_spz_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *pat
     struct header h = {
         .version = (uint32_t) version, .count = (uint32_t) m->count, .sh_degree = m->sh_degree};
     const int code = choose_fraction(ctx, m, path, &h.fraction);
-    return code ? code : version < 4 ? write_gzip(ctx, m, f, &h) : write_zstd(ctx, m, f, path, &h);
+    return code          ? code
+           : version < 4 ? write_gzip(ctx, m, f, path, &h)
+                         : write_zstd(ctx, m, f, path, &h);
 }
