@@ -153,8 +153,8 @@ static int run_audit(const void *config, const bool *given, const char *const *p
             scene->n_train == 1 ? "" : "s");
     if (!error)
         error = sg_audit_scene(ctx, scene, &audit);
-    if (error)
-        code = report(ctx, error);
+    if (error) /* the context may still have that of a photo that was skipped */
+        code = report(alone && error == SG_ERR_INTERRUPTED ? NULL : ctx, error);
     else if (c.json)
         code = print_json(audit);
     else

@@ -9,6 +9,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "interrupt.h"
+
 struct photo {
     struct photo_folder *folder;
     char *name;
@@ -145,7 +147,7 @@ static int add_photos(sg_ctx *ctx, sg_scene_builder *builder, struct photo_folde
     char *first = NULL;
     int code = SG_OK;
     for (size_t i = 0; i < f->n && !code; i++) {
-        code = add_photo(ctx, builder, &f->photos[i], i);
+        code = interrupted() ? SG_ERR_INTERRUPTED : add_photo(ctx, builder, &f->photos[i], i);
         if (code == SG_ERR_USAGE) /* its name, which is input here */
             code = SG_ERR_INPUT;
         if (code != SG_ERR_INPUT || strict)

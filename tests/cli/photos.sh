@@ -32,3 +32,13 @@ rm my*/x*
 expect 2 audit 'my photos' --strict; says 'my photos/zz.JPG: found an empty file, expected an image'
 mkdir none && echo 'no photo' >none/a.png
 expect 2 audit none; says 'none/a.png'; [ ! -s out ] || fail "a verdict without photos"
+
+# Ctrl-C is seen while photos are read.
+expect 0 synth -o wide --width 400 --height 300 --train-views 4 --test-views 1 --points 300 --samples 1
+mkdir many && cp wide/blender/train/*_0.png many/first.png
+for i in $(seq 500); do ln many/first.png "many/$i.png"; done
+"$tool" audit many >out 2>err &
+interrupt $!
+[ $? -eq 130 ] || fail "an audit was not interrupted"
+grep -q 'without cameras' err && fail "all photos were read first: $(cat err)"
+says interrupted
