@@ -309,9 +309,12 @@ int sg_attack_write(struct attack_run *r)
         json_decref(root);
         return sg_no_memory(r->ctx);
     }
-    sg_log(r->ctx, SG_LOG_INFO,
-           "%zu poisoned images in %s: largest change %.0f grey levels, PSNR %.2f dB, total "
-           "variation %.2f to %.2f",
-           t.poisoned, p->folder, t.linf, t.psnr / n, t.before / n, t.after / n);
+    if (t.poisoned)
+        sg_log(r->ctx, SG_LOG_INFO,
+               "%zu poisoned images in %s: largest change %.0f grey levels, PSNR %.2f dB, total "
+               "variation %.2f to %.2f",
+               t.poisoned, p->folder, t.linf, t.psnr / n, t.before / n, t.after / n);
+    else
+        sg_log(r->ctx, SG_LOG_INFO, "no poisoned image in %s", p->folder);
     return sg_run_write_json(r->ctx, p->folder, "poison.json", root);
 }
