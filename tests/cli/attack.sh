@@ -246,4 +246,4 @@ expect 1 spectrum spectrum.png --bins 6; says 'divisible by 4'
 expect 1 spectrum spectrum.png -o crop.png --crop 4294967296,0,8,8; says '--crop: found "4294967296,0,8,8"'
 
 # A share of no photo.
-expect 0 attack scene/blender -o spared --method noise --ratio 0; says 'no poisoned image in spared'
+expect 0 attack scene/blender -o unpoisoned --method noise --ratio 0; says 'no poisoned image in unpoisoned'
