@@ -35,12 +35,29 @@ static int remove_scene(void **state)
     return remove_synth_scene(folder);
 }
 
+/* A training and a test photo have the same name. */
+static int read_cameras(sg_ctx *ctx, const struct sg_scene *scene)
+{
+    char path[80];
+    struct sg_view *views;
+    size_t n;
+    snprintf(path, sizeof(path), "%s/cameras.json", folder);
+    int code = sg_cameras_write_json(ctx, scene, path);
+    if (!code)
+        code = sg_cameras_read_json(ctx, path, NULL, &views, &n);
+    if (!code) {
+        assert_int_equal(n, scene->n_train + scene->n_test);
+        sg_cameras_destroy(&views, &n);
+    }
+    return code;
+}
+
 static int load(sg_ctx *ctx, const char *path)
 {
     struct sg_scene *scene;
     static size_t points[2];
     const bool halves = path == colmap;
-    const int code =
+    int code =
         sg_scene_load(ctx, path, sg_scene_params(.eval = halves, .test_halves = halves), &scene);
     assert_true(!code == (scene != NULL));
     if (scene) { /* an event that was skipped for lack of memory would be missing */
@@ -48,6 +65,7 @@ static int load(sg_ctx *ctx, const char *path)
         *expected = *expected ? *expected : scene->n_points + 1;
         assert_int_equal(scene->n_points + 1, *expected);
         assert_int_equal(scene->format, path == colmap ? SG_FORMAT_COLMAP : SG_FORMAT_BLENDER);
+        code = path == colmap ? code : read_cameras(ctx, scene);
     }
     sg_scene_destroy(&scene);
     return code;
