@@ -110,7 +110,7 @@ int report_load_audits(struct report *r, struct store *s)
 /* ---- curves ---- */
 
 #define SAMPLES 1000 /* of the bootstrap */
-#define OUTSIDE 25   /* of them on each side of a 95 % interval */
+#define OUTSIDE 25   /* of them on each side of a 95 % interval, its end included */
 
 /* A score, and how many photos of each kind have it. */
 struct level {

@@ -322,22 +322,40 @@ void put_limits(FILE *f, const struct report *r, enum format format)
 
 /* ---- the plans ---- */
 
-static void put_options(FILE *f, enum format format, const json_t *options)
+#define PLAN_COLUMNS 9
+
+/* Appends a text, or the texts of a list. */
+static void add_words(char *text, size_t size, const json_t *value)
 {
-    char text[1024] = "";
-    for (size_t i = 0; i < json_array_size(options); i++) {
-        const char *word = json_string_value(json_array_get(options, i));
+    const size_t words = json_is_array(value) ? json_array_size(value) : value != NULL;
+    for (size_t i = 0; i < words; i++) {
+        const char *word =
+            json_string_value(json_is_array(value) ? json_array_get(value, i) : value);
         const size_t n = strlen(text);
-        snprintf(text + n, sizeof(text) - n, "%s%s", n ? " " : "", word ? word : "");
+        snprintf(text + n, size - n, "%s%s", n ? " " : "", word ? word : "");
     }
+}
+
+/* What stands for a name: a list of options, or an object with one. */
+static void put_options(FILE *f, enum format format, const json_t *value)
+{
+    const json_t *prune = json_object_get(value, "prune");
+    const char *from = json_string_value(json_object_get(value, "from"));
+    char text[1024] = "";
+    if (prune)
+        snprintf(text, sizeof(text), "prune %s:", from ? from : "off");
+    add_words(text, sizeof(text),
+              json_is_array(value) ? value
+              : prune              ? prune
+                                   : json_object_get(value, "train"));
     put_cell(f, format, text);
 }
 
-/* A table of names and their options. */
+/* A table of names and their options, or of the members that they have. */
 static void put_list(FILE *f, enum format format, const char *title, const json_t *object,
                      const char *const *members)
 {
-    const char *name, *titles[] = {title, "options", "", ""};
+    const char *name, *titles[PLAN_COLUMNS] = {title, "options"};
     json_t *value;
     int n = 1;
     for (; members && members[n - 1]; n++)
@@ -349,12 +367,12 @@ static void put_list(FILE *f, enum format format, const char *title, const json_
     {
         begin_row(f, format, name);
         if (!members)
-            put_options(f, format,
-                        json_is_array(value)              ? value
-                        : json_object_get(value, "prune") ? json_object_get(value, "prune")
-                                                          : json_object_get(value, "train"));
-        for (int i = 1; members && i < n; i++)
-            put_options(f, format, json_object_get(value, members[i - 1]));
+            put_options(f, format, value);
+        for (int i = 1; members && i < n; i++) {
+            char text[1024] = "";
+            add_words(text, sizeof(text), json_object_get(value, members[i - 1]));
+            put_cell(f, format, text);
+        }
         end_row(f, format);
     }
     end_table(f, format);
@@ -362,7 +380,8 @@ static void put_list(FILE *f, enum format format, const char *title, const json_
 
 void put_plans(FILE *f, const struct report *r, enum format format)
 {
-    static const char *const of_scenes[] = {"size", "train", "attack", NULL};
+    static const char *const of_scenes[PLAN_COLUMNS] = {"path", "synth",   "layout", "preset",
+                                                        "size", "options", "train",  "attack"};
     const char *name;
     json_t *plan;
     json_object_foreach(r->plans, name, plan)
@@ -373,7 +392,7 @@ void put_plans(FILE *f, const struct report *r, enum format format)
         put_heading(f, format, 2, title);
         fputs(format == HTML ? "<p>" : "", f);
         put_text(f, format, about ? about : "");
-        fputs(format == HTML ? "</p>\n" : "\n\n", f);
+        fputs(format == HTML ? "</p>\n<div class=plan>\n" : "\n\n", f);
         json_t *all = json_pack("{s:O*}", "all trainings", json_object_get(plan, "train"));
         put_list(f, format, "trainings", all, NULL);
         json_decref(all);
@@ -381,5 +400,6 @@ void put_plans(FILE *f, const struct report *r, enum format format)
         put_list(f, format, "photos", json_object_get(plan, "photos"), NULL);
         put_list(f, format, "defense", json_object_get(plan, "defenses"), NULL);
         put_list(f, format, "model", json_object_get(plan, "models"), NULL);
+        fputs(format == HTML ? "</div>\n" : "", f);
     }
 }
