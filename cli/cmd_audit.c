@@ -26,7 +26,8 @@ static const struct sg_option audit_options[] = {
     NUMBER_ROW("threads", SG_OPTION_INT, A(threads), 0, 256, "T",
                "Worker threads; 0 = one per CPU.", .letter = 'j', .group = "Output"),
     MEMORY_ROW(struct audit_config, max_memory, .group = "Output"),
-    FLAG_ROW("quiet", A(quiet), "Warnings and the verdict only.", .letter = 'q', .group = "Output"),
+    FLAG_ROW("quiet", A(quiet), "Only warnings, the verdict and its reasons.", .letter = 'q',
+             .group = "Output"),
     {0},
 };
 

@@ -70,7 +70,7 @@ static int run_convert(const void *config, const bool *given, const char *const 
     const char *out = positional[1];
     struct sg_model *model = NULL, *kept = NULL;
     sg_ctx *ctx = NULL;
-    char path[PATH_MAX];
+    char path[PATH_MAX] = "";
     if (c->crop && !parse_box(c->crop, &c->selection)) {
         say(stderr,
             "splatguard convert: --crop: found \"%s\", expected six numbers X0,Y0,Z0,X1,Y1,Z1 with "

@@ -317,7 +317,8 @@ static int run_render(const void *config, const bool *given, const char *const *
             error = interrupted() ? SG_ERR_INTERRUPTED : render_view(c, &v, &v.views[i], &b);
         code = error ? report(v.ctx, error) : 0;
         if (!code && !c->m.quiet)
-            say(stderr, "%zu %s rendered to %s\n", v.n, c->path ? "frames" : "views", c->output);
+            say(stderr, "%zu %s%s rendered to %s\n", v.n, c->path ? "frame" : "view",
+                v.n == 1 ? "" : "s", c->output);
         sg_mem_free(b.rgb);
         sg_mem_free(b.bytes);
         sg_mem_free(b.alpha);

@@ -181,7 +181,8 @@ static int run_spectrum(const void *config, const bool *given, const char *const
     if (!code)
         code = (c->json ? print_json : print_lines)(images, count, positional);
     if (!code && c->output && !c->quiet)
-        say(stderr, "picture of %d images written to %s\n", count, c->output);
+        say(stderr, "picture of %d image%s written to %s\n", count, count == 1 ? "" : "s",
+            c->output);
     for (int k = 0; k < count; k++) {
         sg_picture_clear(&images[k].picture);
         sg_mem_free(images[k].amplitude);
