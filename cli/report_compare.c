@@ -378,10 +378,25 @@ static void put_list(FILE *f, enum format format, const char *title, const json_
     end_table(f, format);
 }
 
+/* The members that a scene has. */
+static void put_scenes(FILE *f, enum format format, const json_t *scenes)
+{
+    static const char *const all[] = {"path", "synth",   "layout", "preset",
+                                      "size", "options", "train",  "attack"};
+    const char *members[PLAN_COLUMNS] = {NULL}, *name;
+    json_t *scene;
+    for (size_t i = 0, n = 0; i < sizeof(all) / sizeof(all[0]); i++) {
+        bool any = false;
+        json_object_foreach((json_t *) scenes, name, scene) any |=
+            json_object_get(scene, all[i]) != NULL;
+        if (any)
+            members[n++] = all[i];
+    }
+    put_list(f, format, "scene", scenes, members);
+}
+
 void put_plans(FILE *f, const struct report *r, enum format format)
 {
-    static const char *const of_scenes[PLAN_COLUMNS] = {"path", "synth",   "layout", "preset",
-                                                        "size", "options", "train",  "attack"};
     const char *name;
     json_t *plan;
     json_object_foreach(r->plans, name, plan)
@@ -396,7 +411,7 @@ void put_plans(FILE *f, const struct report *r, enum format format)
         json_t *all = json_pack("{s:O*}", "all trainings", json_object_get(plan, "train"));
         put_list(f, format, "trainings", all, NULL);
         json_decref(all);
-        put_list(f, format, "scene", json_object_get(plan, "scenes"), of_scenes);
+        put_scenes(f, format, json_object_get(plan, "scenes"));
         put_list(f, format, "photos", json_object_get(plan, "photos"), NULL);
         put_list(f, format, "defense", json_object_get(plan, "defenses"), NULL);
         put_list(f, format, "model", json_object_get(plan, "models"), NULL);

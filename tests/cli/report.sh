@@ -30,7 +30,7 @@ ratio=$(ask "select printf('%.2f', avg(1.0 * a.value / b.value)) from metric a j
     join cell d on d.key=b.key and d.seed=c.seed where a.name='max_gaussians' and c.photos='noise' and c.defense='off' and d.photos='clean' and d.defense='off'")
 grep -q "^| off | 2 | [0-9]* ± [0-9]* | $ratio ± " page/report.md || fail "not $ratio of the clean runs: $(cat page/report.md)"
 grep -qF '| off | 1.00 | '"$ratio"' |' page/report.md || fail "no photos side by side: $(cat page/report.md)"
-for row in 'bad | --rho 7' 'lg | prune off: --finetune 5' 's |  | --width 48 --height 36 --train-views 4 --test-views 2 --points 100 --samples 1'; do
+for row in 'bad | --rho 7' 'lg | prune off: --finetune 5' 's | --width 48 --height 36 --train-views 4 --test-views 2 --points 100 --samples 1'; do
     grep -qF "| $row |" page/report.md || fail "the page lacks the plan's $row"
 done
 grep -q 'Next to the paper' page/report.md && fail "a scene that is made is none of the paper's"
