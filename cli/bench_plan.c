@@ -21,6 +21,7 @@ struct reader {
     int shard, shards, capacity;
     json_t *parts;       /* scenes and photos: the shard of each */
     int poisons, cleans; /* among them */
+    int code;            /* why a job could not be added, which has been said */
 };
 
 __attribute__((format(printf, 2, 3))) static int wrong(const struct reader *r, const char *format,
@@ -210,8 +211,7 @@ static void add_folder(const char *path, size_t root, int depth, struct print *p
         closedir(d);
 }
 
-/* The index of a job with this configuration, which is taken over; -1 without memory. This and what
- * calls it say what is wrong. */
+/* The index of a job with this configuration, which is taken over, or -1: see reader.code. */
 static int add_job(struct reader *r, struct job job)
 {
     struct plan *p = r->plan;
@@ -231,7 +231,7 @@ static int add_job(struct reader *r, struct job job)
         struct job *more = realloc(p->jobs, (size_t) capacity * sizeof(*more));
         if (!more) {
             json_decref(job.config);
-            no_memory();
+            r->code = no_memory();
             return -1;
         }
         p->jobs = more, r->capacity = capacity;
@@ -268,10 +268,11 @@ static int add_scene(struct reader *r, const char *name)
             add_folder(whole, strlen(whole), 0, &p);
         if (!p.files) {
             json_decref(config);
-            wrong(r,
-                  "scenes.%s: found no file in %s, expected the scene below the plan's folder or "
-                  "that of --data",
-                  name, path);
+            r->code = wrong(
+                r,
+                "scenes.%s: found no file in %s, expected the scene below the plan's folder or "
+                "that of --data",
+                name, path);
             return -1;
         }
         json_object_set_new(config, "path", json_string(whole));
@@ -307,41 +308,9 @@ static void add_engine(const struct plan *p, json_t *options)
     }
 }
 
-static const json_t *scene_options(const struct reader *r, const char *scene, const char *what)
-{
-    return json_object_get(in(r->plan->root, "scenes", scene), what);
-}
-
-/* Options of a scene go to all commands of its jobs, not only to `train`, which has them. */
-static bool are_known(const struct reader *r, const char *scene, enum job_kind kind)
-{
-    static const struct command *const commands[] = {[JOB_POISON] = &command_attack,
-                                                     [JOB_TRAIN] = &command_eval,
-                                                     [JOB_PRUNE] = &command_eval,
-                                                     [JOB_AUDIT] = &command_audit,
-                                                     [JOB_PICTURES] = &command_render};
-    static const char *const lists[] = {"size", "options"};
-    for (int l = 0; l < 2 && commands[kind]; l++) {
-        const json_t *options = scene_options(r, scene, lists[l]);
-        for (size_t i = 0; i < json_array_size(options); i++) {
-            const char *word = json_string_value(json_array_get(options, i)), *near, *text;
-            if (!is_option(word) || options_find(commands[kind], word, &text, &near))
-                continue;
-            wrong(r, "scenes.%s.%s: found %s, expected an option of %s too", scene, lists[l], word,
-                  commands[kind]->name);
-            return false;
-        }
-    }
-    return true;
-}
-
 static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, json_t *options,
                     const int *needs, int n_needs)
 {
-    if (!are_known(r, c->scene, kind)) {
-        json_decref(options);
-        return -1;
-    }
     struct job job = {.kind = kind,
                       .scene = c->scene,
                       .photos = c->photos,
@@ -357,6 +326,11 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
     memcpy(job.needs, needs, (size_t) n_needs * sizeof(*needs));
     job.n_needs = n_needs;
     return add_job(r, job);
+}
+
+static const json_t *scene_options(const struct reader *r, const char *scene, const char *what)
+{
+    return json_object_get(in(r->plan->root, "scenes", scene), what);
 }
 
 #define MERGE(lists) options_merge(lists, sizeof(lists) / sizeof((lists)[0]))
@@ -520,7 +494,7 @@ static int add_to_cells(struct reader *r, const struct cell *c, int job)
             return 0;
     struct cell *more = realloc(p->cells, (size_t) (p->n_cells + 1) * sizeof(*more));
     if (!more) {
-        no_memory();
+        r->code = no_memory();
         return -1;
     }
     p->cells = more;
@@ -547,6 +521,43 @@ static bool is_on(const struct reader *r, const char *what)
     return json_is_true(json_object_get(r->plan->root, what));
 }
 
+static int check_scene_options(const struct reader *r, const char *scene,
+                               const struct command *command)
+{
+    static const char *const lists[] = {"size", "options"};
+    for (int l = 0; l < 2; l++) {
+        const json_t *options = scene_options(r, scene, lists[l]);
+        for (size_t i = 0; i < json_array_size(options); i++) {
+            const char *word = json_string_value(json_array_get(options, i)), *near, *text;
+            if (is_option(word) && !options_find(command, word, &text, &near))
+                return wrong(r, "scenes.%s.%s: found %s, expected an option of %s too", scene,
+                             lists[l], word, command->name);
+        }
+    }
+    return STATUS_DONE;
+}
+
+/* Options of a scene go to all commands of its jobs, not only to `train`, which has them. */
+static int check_commands_of_scenes(const struct reader *r, const json_t *block)
+{
+    bool poisons = false;
+    EACH(p, "photos")
+    poisons |= json_array_size(in(r->plan->root, "photos", NAME(p, "photos"))) > 0;
+    const struct {
+        const struct command *command;
+        bool runs;
+    } readers[] = {{&command_eval, true},
+                   {&command_attack, poisons},
+                   {&command_audit, is_on(r, "audit")},
+                   {&command_render, is_on(r, "pictures")}};
+    int code = STATUS_DONE;
+    EACH(s, "scenes")
+    for (size_t i = 0; i < sizeof(readers) / sizeof(readers[0]) && !code; i++)
+        if (readers[i].runs)
+            code = check_scene_options(r, NAME(s, "scenes"), readers[i].command);
+    return code;
+}
+
 static int add_block(struct reader *r, const json_t *block, size_t index)
 {
     static const char *const lists[] = {"scenes", "photos", "defenses", "models"};
@@ -555,6 +566,8 @@ static int add_block(struct reader *r, const json_t *block, size_t index)
     int code = check_keys(r, block, where, "scenes|photos|defenses|models|seeds");
     for (int i = 0; i < 4 && !code; i++)
         code = check_names(r, block, index, lists[i]);
+    if (!code)
+        code = check_commands_of_scenes(r, block);
     if (code)
         return code;
     if (!json_array_size(json_object_get(block, "seeds")))
@@ -583,7 +596,7 @@ static int add_block(struct reader *r, const json_t *block, size_t index)
         if (job < 0 || add_to_cells(r, &c, job) ||
             (is_on(r, "pictures") && add_pictures(r, &c, job) < 0) ||
             (is_on(r, "audit") && add_audit(r, &c)))
-            return STATUS_INPUT;
+            return r->code;
     }
     return STATUS_DONE;
 }
