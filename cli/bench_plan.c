@@ -3,65 +3,14 @@
 #define XXH_INLINE_ALL
 #include <dirent.h>
 #include <limits.h>
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <xxhash.h>
 
-#include "bench.h"
+#include "bench_plan.h"
 
 const char *const job_kinds[] = {"scene", "proxy", "poison", "train", "prune", "pictures", "audit"};
-
-#define DEFENSES "defenses"
-
-struct reader {
-    struct plan *plan;
-    const char *path, *data;
-    int shard, shards, capacity;
-    json_t *parts;       /* scenes and photos: the shard of each */
-    int poisons, cleans; /* among them */
-    int code;            /* why a job could not be added, which has been said */
-};
-
-__attribute__((format(printf, 2, 3))) static int wrong(const struct reader *r, const char *format,
-                                                       ...)
-{
-    char text[512];
-    va_list args;
-    va_start(args, format);
-    vsnprintf(text, sizeof(text), format, args);
-    va_end(args);
-    say(stderr, "splatguard bench: %s: %s\n", r->path, text);
-    return STATUS_INPUT;
-}
-
-/* An object's keys are those of the list "one|two". */
-static int check_keys(const struct reader *r, const json_t *object, const char *where,
-                      const char *known)
-{
-    const char *key;
-    json_t *value;
-    if (!json_is_object(object))
-        return wrong(r, "%s: expected an object", where);
-    json_object_foreach((json_t *) object, key, value)
-    {
-        const size_t n = strlen(key);
-        bool found = false;
-        for (const char *k = known; *k && !found; k += strcspn(k, "|"), k += *k == '|')
-            found = strcspn(k, "|") == n && !memcmp(k, key, n);
-        if (!found)
-            return wrong(r, "%s: found \"%s\", expected one of %s", where, key, known);
-    }
-    return STATUS_DONE;
-}
-
-/* {clean} or {clean*X}, X above 0. */
-static bool is_limit(const json_t *option)
-{
-    double factor;
-    return plan_limit(json_string_value(option), &factor);
-}
 
 bool plan_limit(const char *text, double *factor)
 {
@@ -71,55 +20,6 @@ bool plan_limit(const char *text, double *factor)
         return true;
     return sscanf(text, "{clean*%lf}%n", factor, &end) == 1 && end && !text[end] && *factor > 0 &&
            *factor <= 1000;
-}
-
-/* Replaces an option by its only form: "--backend=ref" by "--engine" and "ref", "-w" by
- * "--white-background". text: its value in the word, which becomes one of the list, or NULL. */
-static void unify_option(json_t *list, size_t i, const struct sg_option *option, const char *text)
-{
-    char name[128];
-    snprintf(name, sizeof(name), "--%s", option->name);
-    if (text)
-        json_array_insert_new(list, i + 1, json_string(text));
-    json_array_set_new(list, i, json_string(name)); /* which frees the word */
-}
-
-static bool is_option(const char *word)
-{
-    return word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.' && word[1];
-}
-
-/* Options of a command, which are in their only form from here on. */
-static int read_options(const struct reader *r, json_t *list, const char *where,
-                        const struct command *command)
-{
-    if (list && !json_is_array(list))
-        return wrong(r, "%s: expected a list of options", where);
-    for (size_t i = 0, at = 0; i < json_array_size(list); i++, at++) {
-        if (!json_is_string(json_array_get(list, i)))
-            return wrong(r, "%s[%zu]: expected a text", where, at);
-        const char *word = json_string_value(json_array_get(list, i)), *near, *text;
-        if (is_option(word)) {
-            const struct sg_option *known = options_find(command, word, &text, &near);
-            if (!known)
-                return wrong(r, "%s[%zu]: found %.*s, expected an option of %s%s%s%s", where, at,
-                             (int) strcspn(word, "="), word, command->name,
-                             near ? "; did you mean --" : "", near ? near : "", near ? "?" : "");
-            unify_option(list, i, known, text);
-            i += text != NULL;
-        }
-        const json_t *option = json_array_get(list, i);
-        if (!strncmp(json_string_value(option), "{", 1) && !is_limit(option) &&
-            strcmp(json_string_value(option), "{preset}") != 0)
-            return wrong(
-                r,
-                "%s[%zu]: found %s, expected {clean}, {clean*X} with X from 0 to 1000, or {preset}",
-                where, at, json_string_value(option));
-        if (is_limit(option) && strncmp(where, DEFENSES ".", strlen(DEFENSES ".")))
-            return wrong(r, "%s[%zu]: found %s, which only defenses can have", where, at,
-                         json_string_value(option));
-    }
-    return STATUS_DONE;
 }
 
 json_t *options_merge(const json_t *const *lists, int n)
@@ -240,18 +140,13 @@ static int add_job(struct reader *r, struct job job)
     return p->n++;
 }
 
-static const json_t *in(const json_t *object, const char *a, const char *b)
-{
-    return json_object_get(json_object_get(object, a), b);
-}
-
 /* The scene: made by synth, or a folder. */
 static int add_scene(struct reader *r, const char *name)
 {
     for (int i = 0; i < r->plan->n; i++)
         if (r->plan->jobs[i].kind == JOB_SCENE && !strcmp(r->plan->jobs[i].scene, name))
             return i;
-    const json_t *scene = in(r->plan->root, "scenes", name),
+    const json_t *scene = plan_at(r->plan->root, "scenes", name),
                  *synth = json_object_get(scene, "synth");
     json_t *config = json_pack("{s:s,s:s}", "kind", "scene", "name", name);
     if (synth) {
@@ -268,7 +163,7 @@ static int add_scene(struct reader *r, const char *name)
             add_folder(whole, strlen(whole), 0, &p);
         if (!p.files) {
             json_decref(config);
-            r->code = wrong(
+            r->code = plan_wrong(
                 r,
                 "scenes.%s: found no file in %s, expected the scene below the plan's folder or "
                 "that of --data",
@@ -290,7 +185,7 @@ static int add_scene(struct reader *r, const char *name)
 /* {preset} stands for the scene's. */
 static void name_preset(const struct reader *r, const char *scene, json_t *options)
 {
-    json_t *preset = json_object_get(in(r->plan->root, "scenes", scene), "preset");
+    json_t *preset = json_object_get(plan_at(r->plan->root, "scenes", scene), "preset");
     for (size_t i = 0; i < json_array_size(options) && preset; i++)
         if (!strcmp(json_string_value(json_array_get(options, i)), "{preset}"))
             json_array_set(options, i, preset);
@@ -319,18 +214,13 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
                       .seed = c->seed,
                       .config = json_pack("{s:s,s:i,s:o}", "kind", job_kinds[kind], "seed", c->seed,
                                           "options", options),
-                      .from = in(r->plan->root, "scenes", c->scene)};
+                      .from = plan_at(r->plan->root, "scenes", c->scene)};
     name_preset(r, c->scene, options);
     if (kind != JOB_AUDIT)
         add_engine(r->plan, options);
     memcpy(job.needs, needs, (size_t) n_needs * sizeof(*needs));
     job.n_needs = n_needs;
     return add_job(r, job);
-}
-
-static const json_t *scene_options(const struct reader *r, const char *scene, const char *what)
-{
-    return json_object_get(in(r->plan->root, "scenes", scene), what);
 }
 
 #define MERGE(lists) options_merge(lists, sizeof(lists) / sizeof((lists)[0]))
@@ -350,8 +240,8 @@ static int add_proxy(struct reader *r, const char *scene, int at, const json_t *
     const char *views = value_of(attack, "--views");
     json_t *of_attack = views && !strcmp(views, "train") ? json_pack("[s]", "--eval") : NULL;
     const json_t *const lists[] = {
-        scene_options(r, scene, "size"),         scene_options(r, scene, "options"),
-        json_object_get(r->plan->root, "train"), scene_options(r, scene, "train"),
+        plan_scene_options(r, scene, "size"),    plan_scene_options(r, scene, "options"),
+        json_object_get(r->plan->root, "train"), plan_scene_options(r, scene, "train"),
         json_object_get(r->plan->root, "proxy"), of_attack};
     const struct cell c = {scene, CLEAN, "proxy", "", 42, 0};
     json_t *options = MERGE(lists);
@@ -368,12 +258,12 @@ static bool uses_proxy(const json_t *options)
 /* The photos of a cell: the scene itself, or a poison of it. */
 static int add_photos(struct reader *r, const char *scene, const char *photos, int at)
 {
-    const json_t *attack = in(r->plan->root, "photos", photos);
+    const json_t *attack = plan_at(r->plan->root, "photos", photos);
     if (!json_array_size(attack))
         return at;
-    const json_t *const lists[] = {scene_options(r, scene, "size"),
-                                   scene_options(r, scene, "options"),
-                                   scene_options(r, scene, "attack"), attack};
+    const json_t *const lists[] = {plan_scene_options(r, scene, "size"),
+                                   plan_scene_options(r, scene, "options"),
+                                   plan_scene_options(r, scene, "attack"), attack};
     int needs[2] = {at};
     json_t *options = MERGE(lists);
     const bool proxy = uses_proxy(options);
@@ -392,15 +282,16 @@ static const json_t *train_options(const json_t *defense)
 
 static bool needs_clean(const json_t *options)
 {
+    double factor;
     for (size_t i = 0; i < json_array_size(options); i++)
-        if (is_limit(json_array_get(options, i)))
+        if (plan_limit(json_string_value(json_array_get(options, i)), &factor))
             return true;
     return false;
 }
 
 static int add_cell(struct reader *r, const struct cell *c)
 {
-    const json_t *defense = in(r->plan->root, DEFENSES, c->defense),
+    const json_t *defense = plan_at(r->plan->root, DEFENSES, c->defense),
                  *prune = json_is_object(defense) ? json_object_get(defense, "prune") : NULL;
     const int at = add_scene(r, c->scene),
               photos = at < 0 ? -1 : add_photos(r, c->scene, c->photos, at);
@@ -421,11 +312,11 @@ static int add_cell(struct reader *r, const struct cell *c)
         return make_job(r, JOB_PRUNE, c, options_merge(&prune, 1), needs, n);
     }
     /* Poisons have the size that is trained already. */
-    const json_t *const lists[] = {photos == at ? scene_options(r, c->scene, "size") : NULL,
-                                   scene_options(r, c->scene, "options"),
+    const json_t *const lists[] = {photos == at ? plan_scene_options(r, c->scene, "size") : NULL,
+                                   plan_scene_options(r, c->scene, "options"),
                                    json_object_get(r->plan->root, "train"),
-                                   scene_options(r, c->scene, "train"),
-                                   in(r->plan->root, "models", c->model),
+                                   plan_scene_options(r, c->scene, "train"),
+                                   plan_at(r->plan->root, "models", c->model),
                                    own};
     return make_job(r, JOB_TRAIN, c, MERGE(lists), needs, n);
 }
@@ -433,8 +324,8 @@ static int add_cell(struct reader *r, const struct cell *c)
 /* Options of the photos for commands that only read them. */
 static json_t *photo_options(const struct reader *r, const char *scene, bool clean)
 {
-    const json_t *const lists[] = {clean ? scene_options(r, scene, "size") : NULL,
-                                   scene_options(r, scene, "options")};
+    const json_t *const lists[] = {clean ? plan_scene_options(r, scene, "size") : NULL,
+                                   plan_scene_options(r, scene, "options")};
     return MERGE(lists);
 }
 
@@ -451,21 +342,6 @@ static int add_pictures(struct reader *r, const struct cell *c, int job)
     const int at = add_scene(r, c->scene), photos = add_photos(r, c->scene, c->photos, at);
     return make_job(r, JOB_PICTURES, c, photo_options(r, c->scene, photos == at),
                     (const int[]){at, job, photos}, 3);
-}
-
-/* A list of names in a block of runs: of entries of the table of the same name. */
-static int check_names(const struct reader *r, const json_t *block, size_t index, const char *list)
-{
-    const json_t *names = json_object_get(block, list);
-    if (!json_array_size(names))
-        return wrong(r, "runs[%zu].%s: expected a list of names of %s", index, list, list);
-    for (size_t i = 0; i < json_array_size(names); i++) {
-        const char *name = json_string_value(json_array_get(names, i));
-        if (!name || !in(r->plan->root, list, name))
-            return wrong(r, "runs[%zu].%s[%zu]: found %s, expected a name of %s", index, list, i,
-                         name ? name : "no text", list);
-    }
-    return STATUS_DONE;
 }
 
 /* Cells of one poison are of one shard. Shards take turns in the order of the plan; poisons, which
@@ -513,65 +389,8 @@ static int add_audit(struct reader *r, const struct cell *c)
     return job < 0 ? -1 : add_to_cells(r, &audit, job);
 }
 
-#define EACH(i, list) for (size_t i = 0; i < json_array_size(json_object_get(block, list)); i++)
-#define NAME(i, list) json_string_value(json_array_get(json_object_get(block, list), i))
-
-static bool is_on(const struct reader *r, const char *what)
+static int add_block(struct reader *r, const json_t *block)
 {
-    return json_is_true(json_object_get(r->plan->root, what));
-}
-
-static int check_scene_options(const struct reader *r, const char *scene,
-                               const struct command *command)
-{
-    static const char *const lists[] = {"size", "options"};
-    for (int l = 0; l < 2; l++) {
-        const json_t *options = scene_options(r, scene, lists[l]);
-        for (size_t i = 0; i < json_array_size(options); i++) {
-            const char *word = json_string_value(json_array_get(options, i)), *near, *text;
-            if (is_option(word) && !options_find(command, word, &text, &near))
-                return wrong(r, "scenes.%s.%s: found %s, expected an option of %s too", scene,
-                             lists[l], word, command->name);
-        }
-    }
-    return STATUS_DONE;
-}
-
-/* Options of a scene go to all commands of its jobs, not only to `train`, which has them. */
-static int check_commands_of_scenes(const struct reader *r, const json_t *block)
-{
-    bool poisons = false;
-    EACH(p, "photos")
-    poisons |= json_array_size(in(r->plan->root, "photos", NAME(p, "photos"))) > 0;
-    const struct {
-        const struct command *command;
-        bool runs;
-    } readers[] = {{&command_eval, true},
-                   {&command_attack, poisons},
-                   {&command_audit, is_on(r, "audit")},
-                   {&command_render, is_on(r, "pictures")}};
-    int code = STATUS_DONE;
-    EACH(s, "scenes")
-    for (size_t i = 0; i < sizeof(readers) / sizeof(readers[0]) && !code; i++)
-        if (readers[i].runs)
-            code = check_scene_options(r, NAME(s, "scenes"), readers[i].command);
-    return code;
-}
-
-static int add_block(struct reader *r, const json_t *block, size_t index)
-{
-    static const char *const lists[] = {"scenes", "photos", "defenses", "models"};
-    char where[32];
-    snprintf(where, sizeof(where), "runs[%zu]", index);
-    int code = check_keys(r, block, where, "scenes|photos|defenses|models|seeds");
-    for (int i = 0; i < 4 && !code; i++)
-        code = check_names(r, block, index, lists[i]);
-    if (!code)
-        code = check_commands_of_scenes(r, block);
-    if (code)
-        return code;
-    if (!json_array_size(json_object_get(block, "seeds")))
-        return wrong(r, "%s.seeds: expected a list of numbers", where);
     /* Seeds last: what is to be compared runs close together. */
     EACH(k, "seeds")
     EACH(s, "scenes")
@@ -579,176 +398,22 @@ static int add_block(struct reader *r, const json_t *block, size_t index)
     EACH(m, "models")
     EACH(d, "defenses")
     {
-        const json_t *seed = json_array_get(json_object_get(block, "seeds"), k);
-        if (!json_is_integer(seed) || json_integer_value(seed) < 0 ||
-            json_integer_value(seed) > INT_MAX)
-            return wrong(r, "%s.seeds[%zu]: expected a whole number from 0 to %d", where, k,
-                         INT_MAX);
+        const json_t *seeds = json_object_get(block, "seeds");
         const struct cell c = {NAME(s, "scenes"),
                                NAME(p, "photos"),
                                NAME(d, "defenses"),
                                NAME(m, "models"),
-                               (int) json_integer_value(seed),
+                               (int) json_integer_value(json_array_get(seeds, k)),
                                0};
         if (!in_shard(r, &c))
             continue;
         const int job = add_cell(r, &c);
         if (job < 0 || add_to_cells(r, &c, job) ||
-            (is_on(r, "pictures") && add_pictures(r, &c, job) < 0) ||
-            (is_on(r, "audit") && add_audit(r, &c)))
+            (plan_is_on(r, "pictures") && add_pictures(r, &c, job) < 0) ||
+            (plan_is_on(r, "audit") && add_audit(r, &c)))
             return r->code;
     }
     return STATUS_DONE;
-}
-
-static int check_scenes(const struct reader *r)
-{
-    const char *name;
-    json_t *scene;
-    char where[128];
-    int code = STATUS_DONE;
-    if (!json_is_object(json_object_get(r->plan->root, "scenes")))
-        return wrong(r, "scenes: expected an object");
-    json_object_foreach(json_object_get(r->plan->root, "scenes"), name, scene)
-    {
-        snprintf(where, sizeof(where), "scenes.%.80s", name);
-        if ((code =
-                 check_keys(r, scene, where, "path|synth|layout|size|options|train|attack|preset")))
-            return code;
-        static const struct {
-            const char *list;
-            const struct command *command;
-        } lists[] = {{"synth", &command_synth},
-                     {"size", &command_train},
-                     {"options", &command_train},
-                     {"train", &command_train},
-                     {"attack", &command_attack}};
-        for (int i = 0; i < 5 && !code; i++)
-            code = read_options(r, json_object_get(scene, lists[i].list), where, lists[i].command);
-        if (code)
-            return code;
-        if (json_object_get(scene, "preset") && !json_is_string(json_object_get(scene, "preset")))
-            return wrong(r, "%s.preset: expected a text", where);
-        if (!json_object_get(scene, "synth") == !json_is_string(json_object_get(scene, "path")))
-            return wrong(r, "%s: expected either path or synth", where);
-        const json_t *layout = json_object_get(scene, "layout");
-        const char *word = json_string_value(layout);
-        if (layout && !(word && (!strcmp(word, "blender") || !strcmp(word, "colmap"))))
-            return wrong(r, "%s.layout: expected \"blender\" or \"colmap\"", where);
-        if (layout && !json_object_get(scene, "synth"))
-            return wrong(r, "%s.layout: found it with path, expected it with synth only", where);
-    }
-    return STATUS_DONE;
-}
-
-static int check_lists(const struct reader *r, const char *table)
-{
-    const char *name;
-    json_t *value, *object = json_object_get(r->plan->root, table);
-    char where[128];
-    if (!json_is_object(object))
-        return wrong(r, "%s: expected an object", table);
-    json_object_foreach(object, name, value)
-    {
-        int code = STATUS_DONE;
-        snprintf(where, sizeof(where), "%s.%.80s", table, name);
-        if (json_is_object(value) && !strcmp(table, DEFENSES)) {
-            code = check_keys(r, value, where, "train|prune|from");
-            if (!code)
-                code = read_options(r, json_object_get(value, "train"), where, &command_train);
-            if (!code)
-                code = read_options(r, json_object_get(value, "prune"), where, &command_prune);
-            const json_t *from = json_object_get(value, "from");
-            if (!code && !json_object_get(value, "train") == !json_object_get(value, "prune"))
-                code = wrong(r, "%s: expected either train or prune; prune has the run of `from`",
-                             where);
-            if (!code && from && !json_object_get(value, "prune"))
-                code = wrong(r, "%s.from: found without prune, expected it with one", where);
-            if (!code && from &&
-                (!json_is_string(from) || !in(r->plan->root, table, json_string_value(from)) ||
-                 json_object_get(in(r->plan->root, table, json_string_value(from)), "prune")))
-                code = wrong(r, "%s.from: expected the name of a defense that trains", where);
-        } else
-            code = read_options(r, value, where,
-                                strcmp(table, "photos") ? &command_train : &command_attack);
-        if (code)
-            return code;
-    }
-    return STATUS_DONE;
-}
-
-static int read_settings(struct reader *r)
-{
-    struct plan *p = r->plan;
-    const json_t *threads = json_object_get(p->root, "threads"),
-                 *timeout = json_object_get(p->root, "timeout"),
-                 *memory = json_object_get(p->root, "memory");
-    static const struct sg_option time = {.name = "timeout",
-                                          .type = SG_OPTION_TIME,
-                                          .offset = offsetof(struct plan, timeout),
-                                          .high = 1e9},
-                                  bytes = {.name = "memory",
-                                           .type = SG_OPTION_BYTES,
-                                           .offset = offsetof(struct plan, memory),
-                                           .high = 9e15};
-    char expected[128] = "a text";
-    const json_int_t count = threads ? json_integer_value(threads) : 1;
-    const json_t *engine = json_object_get(p->root, "engine");
-    p->alone = json_is_true(json_object_get(p->root, "alone"));
-    p->engine = json_string_value(engine);
-    if (engine && !p->engine)
-        return wrong(r, "engine: expected a text");
-    if (count < 1 || count > 256)
-        return wrong(r, "threads: expected a whole number from 1 to 256");
-    p->threads = (int) count;
-    if (timeout && !(json_is_string(timeout) && sg_option_set(&time, p, json_string_value(timeout),
-                                                              expected, sizeof(expected))))
-        return wrong(r, "timeout: expected %s", expected);
-    if (memory && !(json_is_string(memory) && sg_option_set(&bytes, p, json_string_value(memory),
-                                                            expected, sizeof(expected))))
-        return wrong(r, "memory: expected %s", expected);
-    return STATUS_DONE;
-}
-
-static int read_plan(struct reader *r)
-{
-    struct plan *p = r->plan;
-    int code =
-        check_keys(r, p->root, "plan",
-                   "about|threads|engine|timeout|memory|alone|train|proxy|scenes|photos|defenses|"
-                   "models|runs|pictures|audit");
-    if (!code)
-        code = read_settings(r);
-    if (!code)
-        code = read_options(r, json_object_get(p->root, "train"), "train", &command_train);
-    if (!code)
-        code = read_options(r, json_object_get(p->root, "proxy"), "proxy", &command_train);
-    if (!code)
-        code = check_scenes(r);
-    static const char *const switches[] = {"pictures", "audit", "alone"};
-    for (int i = 0; i < 3 && !code; i++) {
-        const json_t *on = json_object_get(p->root, switches[i]);
-        if (on && !json_is_boolean(on))
-            code = wrong(r, "%s: expected true or false", switches[i]);
-    }
-    static const char *const tables[] = {"photos", DEFENSES, "models"};
-    for (int i = 0; i < 3 && !code; i++)
-        code = check_lists(r, tables[i]);
-    if (!code && !in(p->root, "photos", CLEAN))
-        code = wrong(r, "photos: found no " CLEAN ", expected [] for photos as they are");
-    if (!code && json_array_size(in(p->root, "photos", CLEAN)))
-        code = wrong(r, "photos." CLEAN ": expected []");
-    const json_t *off = in(p->root, DEFENSES, OFF);
-    if (!code && !off)
-        code = wrong(r, "defenses: found no " OFF ", expected [] for no defense");
-    if (!code && (!json_is_array(off) || json_array_size(off)))
-        code = wrong(r, "defenses." OFF ": expected []");
-    const json_t *runs = json_object_get(p->root, "runs");
-    if (!code && !json_array_size(runs))
-        code = wrong(r, "runs: expected a list of blocks");
-    for (size_t i = 0; i < json_array_size(runs) && !code; i++)
-        code = add_block(r, json_array_get(runs, i), i);
-    return code;
 }
 
 int plan_read(struct plan *p, const char *path, const char *data, int shard, int shards)
@@ -777,7 +442,10 @@ int plan_read(struct plan *p, const char *path, const char *data, int shard, int
                        .shard = shard,
                        .shards = shards,
                        .parts = json_object()};
-    const int code = read_plan(&r);
+    int code = plan_check(&r);
+    const json_t *runs = json_object_get(p->root, "runs");
+    for (size_t i = 0; i < json_array_size(runs) && !code; i++)
+        code = add_block(&r, json_array_get(runs, i));
     json_decref(r.parts);
     return code;
 }
