@@ -254,7 +254,9 @@ static int run_view(const void *config, const bool *given, const char *const *po
     (void) count;
     struct view_config c = *(const struct view_config *) config;
     struct viewed v = {0};
-    int code = open_viewed(&v, positional[0], given, &c);
+    int code = view_server_find(); /* before anything large is read */
+    if (!code)
+        code = open_viewed(&v, positional[0], given, &c);
     if (!code)
         code = serve(&v, &c, positional[0]);
     view_scores_clear(&v.scores);

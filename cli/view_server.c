@@ -1,12 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "view_server.h"
 
-#include <string.h>
-
-#include "commands.h"
-
-#ifdef SG_MICROHTTPD
-
 #include <arpa/inet.h>
 #include <dlfcn.h>
 #include <errno.h>
@@ -15,10 +9,13 @@
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/random.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
+
+#include "commands.h"
 
 #define CLIENTS 256              /* connections at once, of which most can be idle */
 #define CLIENT_BYTES (16 * 1024) /* of headers */
@@ -519,18 +516,24 @@ static bool make_token(char *token)
     return true;
 }
 
+int view_server_find(void)
+{
+    const char *missing = load_mhd();
+    if (missing)
+        say(stderr, "splatguard: found no HTTP server: %s; install libmicrohttpd 0.9.71 or newer\n",
+            missing);
+    return missing ? STATUS_USAGE : STATUS_DONE;
+}
+
 int view_server_open(sg_ctx *ctx, int port, view_server **out)
 {
     struct sockaddr_in place = {.sin_family = AF_INET,
                                 .sin_port = htons((uint16_t) port),
                                 .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    const char *missing = load_mhd();
     *out = NULL;
-    if (missing) {
-        say(stderr, "splatguard: found no HTTP server: %s; install libmicrohttpd 0.9.71 or newer\n",
-            missing);
-        return STATUS_USAGE;
-    }
+    const int code = view_server_find();
+    if (code)
+        return code;
     view_server *s = *out = sg_mem_alloc(ctx, SG_MEM_MISC, 1, sizeof(*s));
     if (!s)
         return no_memory();
@@ -590,56 +593,3 @@ void view_server_close(view_server **server)
     sg_mem_free(s);
     *server = NULL;
 }
-
-#else
-
-int view_server_open(sg_ctx *ctx, int port, view_server **out)
-{
-    (void) ctx, (void) port;
-    *out = NULL;
-    say(stderr, "splatguard: this build has no HTTP server: install libmicrohttpd "
-                "(libmicrohttpd-dev) and build again\n");
-    return STATUS_USAGE;
-}
-const char *view_server_address(const view_server *s)
-{
-    (void) s;
-    return "";
-}
-void view_server_close(view_server **s)
-{
-    (void) s;
-}
-bool view_server_draws(void)
-{
-    return false;
-}
-void view_server_set_model(view_server *s, int fd)
-{
-    (void) s, (void) fd;
-}
-void view_server_set_scene(view_server *s, const char *json)
-{
-    (void) s, (void) json;
-}
-void view_server_set_state(view_server *s, const char *json)
-{
-    (void) s, (void) json;
-}
-bool view_server_next(view_server *s, double seconds, struct view_ask *ask)
-{
-    (void) s, (void) seconds, (void) ask;
-    return false;
-}
-void view_server_answer(view_server *s, uint8_t *pixels, int width, int height)
-{
-    (void) s, (void) width, (void) height;
-    sg_mem_free(pixels);
-}
-enum view_wish view_server_wish(const view_server *s)
-{
-    (void) s;
-    return VIEW_GO;
-}
-
-#endif

@@ -40,6 +40,8 @@ enum view_wish { VIEW_GO, VIEW_PAUSE, VIEW_STOP };
 
 typedef struct view_server view_server;
 
+/* Loads the HTTP server's library. Says what is missing. Returns an exit code. */
+int view_server_find(void);
 /* port: 0 = any that is free. ctx: for its memory; the server's threads allocate in it. Returns an
  * exit code. */
 int view_server_open(sg_ctx *ctx, int port, view_server **out);

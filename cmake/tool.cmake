@@ -56,9 +56,11 @@ if(SG_HTTP)
 endif()
 if(SG_HTTP AND MICROHTTPD_FOUND)
     set_source_files_properties(cli/view_server.c PROPERTIES
-        COMPILE_DEFINITIONS SG_MICROHTTPD INCLUDE_DIRECTORIES "${MICROHTTPD_INCLUDE_DIRS}")
+        INCLUDE_DIRECTORIES "${MICROHTTPD_INCLUDE_DIRS}")
+    set_source_files_properties(cli/view_server_absent.c PROPERTIES HEADER_FILE_ONLY ON)
     target_link_libraries(splatguard_tool PRIVATE ${CMAKE_DL_LIBS} Threads::Threads)
 else()
+    set_source_files_properties(cli/view_server.c PROPERTIES HEADER_FILE_ONLY ON)
     message(STATUS "live view: left out (SG_HTTP: ${SG_HTTP}, libmicrohttpd: ${MICROHTTPD_VERSION})")
 endif()
 # Scripts and styles of pages are in the program.

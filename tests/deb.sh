@@ -22,7 +22,7 @@ for package in "${packages[@]}"; do
     dpkg-deb -c "$package" | awk '$2 != "root/root" || ($1 !~ /^l/ && $1 ~ /^.....w|^........w|s/) { print; bad = 1 } END { exit bad }' ||
         fail "owner or mode of a file in $package"
 done
-if grep -q SG_MICROHTTPD "$source_dir/build-deb/build.ninja"; then
+if grep -q view_server.c.o "$source_dir/build-deb/build.ninja"; then
     dpkg-deb -f first/splatguard_*.deb Recommends | grep -q '^libmicrohttpd' || fail "the package does not recommend the HTTP server"
 fi
 ! dpkg-deb -f first/splatguard_*.deb Depends | grep microhttpd || fail "the package depends on the HTTP server"
