@@ -5,6 +5,8 @@
 #include "splatguard/picture.h"
 
 #include <spng.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
 #include <turbojpeg.h>
 #include <webp/encode.h>
 
@@ -501,6 +503,71 @@ static void pictures_in_memory(void **state)
     assert_int_equal(sg_mem_current(f->ctx, SG_MEM_TAGS), held);
 }
 
+/* A JPEG is smaller than other pictures at most. */
+static void sides_of_encoded_pictures(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t *line = calloc(65535, 3);
+    static const struct {
+        enum sg_picture_format format;
+        int side, code;
+    } cases[] = {{SG_PICTURE_PNG, 65535, SG_OK},
+                 {SG_PICTURE_PNG, 65536, SG_ERR_USAGE},
+                 {SG_PICTURE_JPEG, 65500, SG_OK},
+                 {SG_PICTURE_JPEG, 65501, SG_ERR_USAGE}};
+    for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++)
+        for (int upright = 0; upright < 2; upright++) {
+            void *data;
+            size_t size;
+            assert_int_equal(sg_picture_encode(f->ctx, cases[k].format, line,
+                                               upright ? 1 : cases[k].side,
+                                               upright ? cases[k].side : 1, &data, &size),
+                             cases[k].code);
+            assert_true(!data == (cases[k].code != SG_OK));
+            sg_mem_free(data);
+        }
+    free(line);
+}
+
+/* Noise, which needs much memory as a file too, where the system gives hardly any more. */
+static int encode_without_memory(enum sg_picture_format format)
+{
+    enum { SIDE = 1200 };
+    uint8_t *rgb = malloc(3 * SIDE * SIDE);
+    unsigned long pages;
+    uint32_t random = 1;
+    for (size_t i = 0; i < 3 * SIDE * SIDE; i++)
+        rgb[i] = (uint8_t) ((random = random * 1664525 + 1013904223) >> 24);
+    sg_ctx *ctx;
+    void *data;
+    size_t size;
+    FILE *statm = fopen("/proc/self/statm", "r");
+    if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1}) || !statm ||
+        fscanf(statm, "%lu", &pages) != 1)
+        return SG_ERR_INTERNAL;
+    const rlim_t most = (pages + 300) * (rlim_t) sysconf(_SC_PAGESIZE);
+    if (setrlimit(RLIMIT_AS, &(struct rlimit){most, most}))
+        return SG_ERR_INTERNAL;
+    return sg_picture_encode(ctx, format, rgb, SIDE, SIDE, &data, &size);
+}
+
+static void encoders_without_memory(void **state)
+{
+    (void) state;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    skip(); /* sanitizers need memory of their own */
+#endif
+    for (int format = SG_PICTURE_PNG; format <= SG_PICTURE_JPEG; format++) {
+        int status;
+        const pid_t child = fork();
+        if (child == 0)
+            _exit(-encode_without_memory((enum sg_picture_format) format));
+        assert_int_equal(waitpid(child, &status, 0), child);
+        assert_true(WIFEXITED(status));
+        assert_int_equal(-WEXITSTATUS(status), SG_ERR_BUDGET);
+    }
+}
+
 /* A float map has one or three planes, and is not begun for anything else. */
 static void float_map_refusals(void **state)
 {
@@ -520,13 +587,21 @@ static void float_map_refusals(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(every_kind_of_png),  scene_test(png_round_trip),
-        scene_test(float_map_refusals), scene_test(jpeg_markers_without_length),
-        scene_test(jpeg_of_many_scans), scene_test(jpeg_and_webp_by_content),
-        scene_test(damaged_jpeg),       scene_test(damaged_png),
-        scene_test(png_chunks),         scene_test(bomb_is_refused_before_allocation),
-        scene_test(flatten_truncates),  scene_test(resample_known_values),
+        scene_test(every_kind_of_png),
+        scene_test(png_round_trip),
+        scene_test(float_map_refusals),
+        scene_test(jpeg_markers_without_length),
+        scene_test(jpeg_of_many_scans),
+        scene_test(jpeg_and_webp_by_content),
+        scene_test(damaged_jpeg),
+        scene_test(damaged_png),
+        scene_test(png_chunks),
+        scene_test(bomb_is_refused_before_allocation),
+        scene_test(flatten_truncates),
+        scene_test(resample_known_values),
         scene_test(pictures_in_memory),
+        scene_test(sides_of_encoded_pictures),
+        cmocka_unit_test(encoders_without_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

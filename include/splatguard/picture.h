@@ -30,8 +30,8 @@ SG_API int sg_picture_write_png(sg_ctx *ctx, const char *path, const uint8_t *pi
 enum sg_picture_format { SG_PICTURE_PNG, SG_PICTURE_JPEG };
 
 /* A file in memory: PNG, or JPEG of quality 90 with colour at full resolution. pixels: height x
- * width x 3. The caller frees *out with sg_mem_free. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. Thread
- * safety: as the context. */
+ * width x 3. The caller frees *out with sg_mem_free. Errors: SG_ERR_USAGE, also for sides outside
+ * 1..65535 of a PNG and 1..65500 of a JPEG; SG_ERR_BUDGET. Thread safety: as the context. */
 SG_API int sg_picture_encode(sg_ctx *ctx, enum sg_picture_format format, const uint8_t *pixels,
                              int width, int height, void **out, size_t *size);
 

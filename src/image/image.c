@@ -16,7 +16,8 @@
 /* Of a JPEG. Programs write about 10. Each passes over the whole picture, however few bytes it has.
  */
 #define SCANS_MAX 64
-#define ZERO_CUTS 16 /* decodings that find where padding begins */
+#define JPEG_SIDE_MAX 65500 /* pixels; libjpeg's limit, below that of the format */
+#define ZERO_CUTS 16        /* decodings that find where padding begins */
 
 static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t height, int channels,
                     uint64_t max_pixels, struct sg_image *out)
@@ -193,13 +194,12 @@ static uint64_t in_blocks(int side)
 }
 
 /* Lack of memory has no code of its own: the first text is libjpeg's, the second TurboJPEG's. */
-static int jpeg_failed(sg_ctx *ctx, const char *name, const char *part, tjhandle jpeg)
+static int jpeg_failed(sg_ctx *ctx, const char *name, const char *what, tjhandle jpeg)
 {
     const char *why = tjGetErrorStr2(jpeg);
     const bool no_memory =
         strstr(why, "Insufficient memory") || strstr(why, "Memory allocation failure");
-    return sg_fail(ctx, no_memory ? SG_ERR_BUDGET : SG_ERR_INPUT, "%s: JPEG %s: %s", name, part,
-                   why);
+    return sg_fail(ctx, no_memory ? SG_ERR_BUDGET : SG_ERR_INPUT, "%s: %s: %s", name, what, why);
 }
 
 static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size,
@@ -213,7 +213,7 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG decoder", name);
     if (tjDecompressHeader3(jpeg, data, size, &width, &height, &subsampling, &space) &&
         tjGetErrorCode(jpeg) == TJERR_FATAL) {
-        code = jpeg_failed(ctx, name, "header", jpeg);
+        code = jpeg_failed(ctx, name, "JPEG header", jpeg);
         goto done;
     }
     if (space < 0 || width < 1 || height < 1) { /* a file of tables only is also read as a header */
@@ -265,7 +265,7 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
             least = end + 1;
     }
     if (failed)
-        code = jpeg_failed(ctx, name, "data", jpeg);
+        code = jpeg_failed(ctx, name, "JPEG data", jpeg);
 done:
     sg_free(stripped);
     sg_free(room);
@@ -448,7 +448,8 @@ static int write_png(sg_ctx *ctx, const char *path, bool marked, const uint8_t *
         return code;
     const int failed = encode_png(w.stream, marked, NULL, NULL, pixels, width, height, channels);
     if (failed) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the PNG: %s", path,
+        code = sg_fail(ctx, failed == SPNG_EMEM ? SG_ERR_BUDGET : SG_ERR_INPUT,
+                       "%s: cannot write the PNG: %s", path,
                        ferror(w.stream) ? strerror(errno) : spng_strerror(failed));
         sg_file_abandon(&w);
         return code;
@@ -497,15 +498,18 @@ int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int heigh
 static int make_jpeg(sg_ctx *ctx, const char *name, const uint8_t *rgb, int width, int height,
                      int quality, bool full_chroma, unsigned char **data, unsigned long *size)
 {
-    tjhandle jpeg = tjInitCompress();
     int code = SG_OK;
     *data = NULL;
+    if (width < 1 || height < 1 || width > JPEG_SIDE_MAX || height > JPEG_SIDE_MAX)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "%s: found %d x %d pixels, expected sides of 1 to %d of a JPEG", name, width,
+                       height, JPEG_SIDE_MAX);
+    tjhandle jpeg = tjInitCompress();
     if (!jpeg)
-        return sg_fail(ctx, SG_ERR_BUDGET, "%s: cannot start the JPEG encoder", name);
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG encoder", name);
     if (tjCompress2(jpeg, rgb, width, 0, height, TJPF_RGB, data, size,
                     full_chroma ? TJSAMP_444 : TJSAMP_420, quality, TJFLAG_ACCURATEDCT))
-        code =
-            sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the JPEG: %s", name, tjGetErrorStr2(jpeg));
+        code = jpeg_failed(ctx, name, "cannot write the JPEG", jpeg);
     tjDestroy(jpeg);
     return code;
 }
