@@ -197,7 +197,8 @@ static struct result measure(const struct sg_model *model, int side, int threads
 
 static int by_total(const void *a, const void *b)
 {
-    return ascending(&((const struct result *) a)->total, &((const struct result *) b)->total);
+    return sg_double_ascending(&((const struct result *) a)->total,
+                               &((const struct result *) b)->total);
 }
 
 static struct result middle(struct result r[3])

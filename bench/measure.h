@@ -2,21 +2,17 @@
 #ifndef BENCH_MEASURE_H
 #define BENCH_MEASURE_H
 
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "core/compare.h"
 #include "splatguard/context.h"
-
-static inline int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *) a, y = *(const double *) b;
-    return (x > y) - (x < y);
-}
 
 /* Sorts v. */
 static inline double median(double *v, int n)
 {
-    qsort(v, (size_t) n, sizeof(*v), ascending);
+    qsort(v, (size_t) n, sizeof(*v), sg_double_ascending);
     return v[n / 2];
 }
 
