@@ -14,6 +14,7 @@
  *
  * Without --model the Gaussians lie on the surfaces of our own making: flat, overlapping discs of
  * the size that training leaves, seen whole in a square image. */
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -311,86 +312,99 @@ static int usage(void)
     return 1;
 }
 
-int main(int argc, char **argv)
+struct bench_options {
+    struct stages_options stages; /* .engine NULL: the first form */
+    bool quick;
+    int threads, gaussians, side; /* the last two: 0 = by default */
+    const char *model;
+};
+
+static bool read_number(const char *text, int least, int *out)
 {
-    int threads = 2, quick = 0, gaussians = 300000, side = 800;
-    const char *path = NULL;
-    struct stages_options o = {0};
-    for (int i = 1; i < argc; i++) {
+    char *end;
+    const long value = strtol(text, &end, 10);
+    *out = (int) value;
+    return end != text && !*end && value >= least && value <= INT_MAX;
+}
+
+/* False: they are not as the usage says. */
+static bool parse(int argc, char **argv, struct bench_options *o)
+{
+    struct stages_options *s = &o->stages;
+    bool good = true;
+    for (int i = 1; i < argc && good; i++) {
         const char *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(argv[i], "--quick"))
-            quick = 1;
+            o->quick = true;
         else if (!strcmp(argv[i], "--defense"))
-            o.defense = true;
+            s->defense = true;
         else if (!strcmp(argv[i], "--parts"))
-            o.parts = true;
+            s->parts = true;
         else if (!strcmp(argv[i], "--kernels"))
-            o.kernels = true;
+            s->kernels = true;
         else if (!value)
-            return usage();
+            return false;
         else if (!strcmp(argv[i], "--threads"))
-            threads = atoi(argv[++i]);
+            good = read_number(argv[++i], 0, &o->threads);
         else if (!strcmp(argv[i], "--rounds"))
-            o.rounds = atoi(argv[++i]);
+            good = read_number(argv[++i], 1, &s->rounds);
         else if (!strcmp(argv[i], "--cpu"))
-            o.cpu = argv[++i];
+            s->cpu = argv[++i];
         else if (!strcmp(argv[i], "--model"))
-            path = argv[++i];
+            o->model = argv[++i];
         else if (!strcmp(argv[i], "--csv"))
-            o.csv = argv[++i];
+            s->csv = argv[++i];
         else if (!strcmp(argv[i], "--engine"))
-            o.engine = argv[++i];
+            s->engine = argv[++i];
         else if (!strcmp(argv[i], "--without"))
-            o.without = argv[++i];
+            s->without = argv[++i];
         else if (!strcmp(argv[i], "--gaussians"))
-            gaussians = atoi(argv[++i]);
+            good = read_number(argv[++i], 1, &o->gaussians);
         else if (!strcmp(argv[i], "--side"))
-            side = atoi(argv[++i]);
+            good = read_number(argv[++i], 1, &o->side);
         else
-            return usage();
+            return false;
     }
-    if (gaussians < 1 || side < 1)
-        return usage();
-    const char *const cpu = o.cpu, *const csv_path = o.csv;
-    sg_ctx *ctx;
-    const struct cpu_kernels *kernels;
-    if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
-        bench_fail(NULL, "context");
-    const int rounds = o.rounds > 0 ? o.rounds : quick ? 9 : 31;
-    const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
-    struct sg_model *m;
-    if (o.engine)
-        stages_check(ctx, &o);
-    if (path && sg_model_read_ply(ctx, path, UINT32_MAX, &m))
-        bench_fail(ctx, "model");
-    if (!path)
-        m = surface_model(ctx, o.engine ? (size_t) gaussians : 300000);
-    if (o.engine) {
-        struct sg_view view = make_view(side);
-        const struct result whole = measure(m, side, threads, o.engine, cpu, rounds, &off);
-        print_engine(&whole, o.engine);
-        o.rounds = rounds;
-        stages_print(ctx, m, &view, &o);
-        free(view.rgb);
-        sg_model_destroy(&m);
-        sg_ctx_destroy(&ctx);
-        return 0;
-    }
-    if (sg_cpu_select(ctx, cpu, &kernels))
-        bench_fail(ctx, "kernels");
-    FILE *csv = csv_open(csv_path);
-    if (csv)
-        fprintf(csv, "sweep,gaussians,side,threads,ms,project,bin,raster,loss,raster_backward,"
-                     "update,pairs_per_pixel,"
-                     "instances_per_gaussian\n");
-    const struct roofline machine = roofline_measure(ctx, kernels);
-    printf("splatguard %s, kernels %s. Machine: stream %.1f GB/s with %d threads, FMA %.0f GFLOP/s "
-           "a core; pairs on full lanes %.2f G/s forward, %.2f G/s backward a core.\n",
-           sg_version(), kernels->name, 1e-9 * machine.bandwidth, threads, 1e-9 * machine.flops,
-           1e-9 * machine.forward, 1e-9 * machine.backward);
+    const bool second_form =
+        s->rounds || s->defense || s->parts || s->kernels || s->without || o->gaussians || o->side;
+    return good && (s->engine || !second_form);
+}
 
-    /* The speed of memory that is shared with others drifts: one thread and all take turns, and of
-     * each the middle one of three counts. */
+static struct sg_model *load_model(sg_ctx *ctx, const char *path, size_t gaussians)
+{
+    struct sg_model *m;
+    if (!path)
+        return surface_model(ctx, gaussians);
+    if (sg_model_read_ply(ctx, path, UINT32_MAX, &m))
+        bench_fail(ctx, "model");
+    return m;
+}
+
+/* The second form: one size on any engine. */
+static void run_engine(sg_ctx *ctx, struct bench_options *o)
+{
+    const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
+    struct stages_options *s = &o->stages;
+    const int side = o->side ? o->side : 800;
+    stages_check(ctx, s);
+    s->rounds = s->rounds ? s->rounds : o->quick ? 9 : 31;
+    struct sg_model *m = load_model(ctx, o->model, o->gaussians ? (size_t) o->gaussians : 300000);
+    struct sg_view view = make_view(side);
+    const struct result whole = measure(m, side, o->threads, s->engine, s->cpu, s->rounds, &off);
+    print_engine(&whole, s->engine);
+    stages_print(ctx, m, &view, s);
+    free(view.rgb);
+    sg_model_destroy(&m);
+}
+
+/* One size of the CPU engine: stages next to the machine, the defense, threads. The speed of memory
+ * that is shared with others drifts: one thread and all take turns, and of each the middle one of
+ * three counts. */
+static void run_headline(const struct bench_options *o, const struct sg_model *m,
+                         const struct roofline *machine, int rounds, FILE *csv)
+{
+    const char *const cpu = o->stages.cpu;
+    const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
     struct sg_defense_params smooth_only = off, count_only = off;
     smooth_only.on = count_only.on = true;
     smooth_only.rho = count_only.lambda = 0;
@@ -398,50 +412,90 @@ int main(int argc, char **argv)
     count_only.interval = 1, count_only.from = 0, count_only.until = 1000000;
     struct result all[3], single[3], smooth[3], counting[3];
     for (int i = 0; i < 3; i++) {
-        all[i] = measure(m, 800, threads, NULL, cpu, rounds, &off);
-        smooth[i] = measure(m, 800, threads, NULL, cpu, rounds, &smooth_only);
-        counting[i] = measure(m, 800, threads, NULL, cpu, rounds / 2, &count_only);
-        if (threads > 1)
+        all[i] = measure(m, 800, o->threads, NULL, cpu, rounds, &off);
+        smooth[i] = measure(m, 800, o->threads, NULL, cpu, rounds, &smooth_only);
+        counting[i] = measure(m, 800, o->threads, NULL, cpu, rounds / 2, &count_only);
+        if (o->threads > 1)
             single[i] = measure(m, 800, 1, NULL, cpu, rounds / 2, &off);
     }
-    struct result r = middle(all);
-    print_stages(&r, &machine);
+    const struct result r = middle(all), with_losses = middle(smooth),
+                        with_counts = middle(counting);
+    print_stages(&r, machine);
     csv_row(csv, "headline", &r);
-    const struct result with_losses = middle(smooth), with_counts = middle(counting);
     print_defense(&r, &with_losses, &with_counts);
-    if (threads > 1) {
-        const struct result one = middle(single);
-        printf("\nScaling, threads 1 to %d: %.1f to %.1f ms, %.2fx (", threads, 1e3 * one.total,
-               1e3 * r.total, one.total / r.total);
-        for (int k = 0; k < STAGES; k++)
-            printf("%s%s %.2fx", k ? ", " : "", stage_names[k], one.stage[k] / r.stage[k]);
-        printf(").\n");
-        csv_row(csv, "threads", &one);
-    }
+    if (o->threads == 1)
+        return;
+    const struct result one = middle(single);
+    printf("\nScaling, threads 1 to %d: %.1f to %.1f ms, %.2fx (", o->threads, 1e3 * one.total,
+           1e3 * r.total, one.total / r.total);
+    for (int k = 0; k < STAGES; k++)
+        printf("%s%s %.2fx", k ? ", " : "", stage_names[k], one.stage[k] / r.stage[k]);
+    printf(").\n");
+    csv_row(csv, "threads", &one);
+}
+
+static void run_size(sg_ctx *ctx, const struct bench_options *o, size_t gaussians, int side,
+                     int rounds, const char *sweep, FILE *csv)
+{
+    const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
+    struct sg_model *m = surface_model(ctx, gaussians);
+    const struct result r = measure(m, side, o->threads, NULL, o->stages.cpu, rounds, &off);
     sg_model_destroy(&m);
-    if (!path) {
-        static const size_t counts[] = {10000, 30000, 100000, 300000, 1000000};
-        printf("\nBy Gaussians:\n\n");
-        table_head();
-        for (int i = 0; i < (quick ? 3 : 5); i++) {
-            m = surface_model(ctx, counts[i]);
-            r = measure(m, 800, threads, NULL, cpu, rounds / 2, &off);
-            sg_model_destroy(&m);
-            print_row(&r);
-            csv_row(csv, "gaussians", &r);
-        }
-        static const int sides[] = {200, 400, 800, 1600};
-        printf("\nBy pixels:\n\n");
-        table_head();
-        for (int i = 0; i < (quick ? 2 : 4); i++) {
-            m = surface_model(ctx, 100000);
-            r = measure(m, sides[i], threads, NULL, cpu, rounds / 2, &off);
-            sg_model_destroy(&m);
-            print_row(&r);
-            csv_row(csv, "pixels", &r);
-        }
-    }
-    csv_close(csv, csv_path);
+    print_row(&r);
+    csv_row(csv, sweep, &r);
+}
+
+static void run_sweeps(sg_ctx *ctx, const struct bench_options *o, int rounds, FILE *csv)
+{
+    static const size_t counts[] = {10000, 30000, 100000, 300000, 1000000};
+    static const int sides[] = {200, 400, 800, 1600};
+    printf("\nBy Gaussians:\n\n");
+    table_head();
+    for (int i = 0; i < (o->quick ? 3 : 5); i++)
+        run_size(ctx, o, counts[i], 800, rounds, "gaussians", csv);
+    printf("\nBy pixels:\n\n");
+    table_head();
+    for (int i = 0; i < (o->quick ? 2 : 4); i++)
+        run_size(ctx, o, 100000, sides[i], rounds, "pixels", csv);
+}
+
+/* The first form. */
+static void run_cpu(sg_ctx *ctx, const struct bench_options *o)
+{
+    const struct cpu_kernels *kernels;
+    const int rounds = o->quick ? 9 : 31;
+    struct sg_model *m = load_model(ctx, o->model, 300000);
+    if (sg_cpu_select(ctx, o->stages.cpu, &kernels))
+        bench_fail(ctx, "kernels");
+    FILE *csv = csv_open(o->stages.csv);
+    if (csv)
+        fprintf(csv, "sweep,gaussians,side,threads,ms,project,bin,raster,loss,raster_backward,"
+                     "update,pairs_per_pixel,instances_per_gaussian\n");
+    const struct roofline machine = roofline_measure(ctx, kernels);
+    printf("splatguard %s, kernels %s. Machine: stream %.1f GB/s with %d threads, FMA %.0f GFLOP/s "
+           "a core; pairs on full lanes %.2f G/s forward, %.2f G/s backward a core.\n",
+           sg_version(), kernels->name, 1e-9 * machine.bandwidth, o->threads, 1e-9 * machine.flops,
+           1e-9 * machine.forward, 1e-9 * machine.backward);
+    run_headline(o, m, &machine, rounds, csv);
+    sg_model_destroy(&m);
+    if (!o->model)
+        run_sweeps(ctx, o, rounds / 2, csv);
+    csv_close(csv, o->stages.csv);
+}
+
+int main(int argc, char **argv)
+{
+    struct bench_options o = {.threads = 2};
+    sg_ctx *ctx;
+    if (!parse(argc, argv, &o))
+        return usage();
+    if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = o.threads}))
+        bench_fail(NULL, "context");
+    o.threads = sg_ctx_threads(ctx);
+    if (o.stages.engine)
+        run_engine(ctx, &o);
+    else
+        run_cpu(ctx, &o);
     sg_ctx_destroy(&ctx);
     return 0;
 }

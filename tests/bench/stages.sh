@@ -29,10 +29,15 @@ if [ -w /dev/full ]; then
 fi
 timeout 60 "$bench" --quick --csv no/all.csv >out 2>err && fail "a CSV file in no folder"
 grep -q 'no/all.csv: ' err || fail "no word about a CSV file in no folder"
-for none in "--gaussians 0" "--gaussians -1" "--side 0"; do
+for none in "--gaussians 0" "--gaussians -1" "--side 0" "--rounds 0" "--rounds 2x" "--threads -1"; do
     # shellcheck disable=SC2086 # two words
     run $none && fail "$none"
     grep -q '^usage: ' err || fail "no word about $none"
+done
+for engine_only in "--rounds 1" "--gaussians 400" "--side 32" --defense --parts --kernels "--without raster.pairs"; do
+    # shellcheck disable=SC2086 # two words
+    timeout 60 "$bench" --quick $engine_only >out 2>err && fail "$engine_only without --engine"
+    grep -q '^usage: ' err || fail "no word about $engine_only without --engine"
 done
 
 if [ "${engine%%:*}" != vulkan ]; then
