@@ -30,46 +30,48 @@ static double bandwidth(sg_ctx *ctx)
     return best;
 }
 
-/* Twelve independent chains of the widest multiply-add that this file was compiled for, times their
- * number of lanes. */
-#if defined(__x86_64__)
-#define MULTIPLY_ADD(name, attribute, type, lanes)                                                 \
-    __attribute__((target(attribute), noinline)) static double name(long rounds)                   \
+/* Twelve independent chains of the widest multiply-add that the machine has. */
+#define CHAINS 12
+#define MULTIPLY_ADD(name, type, ...)                                                              \
+    __attribute__((__VA_ARGS__)) static double name(long rounds)                                   \
     {                                                                                              \
-        type x[12];                                                                                \
-        for (int k = 0; k < 12; k++)                                                               \
+        type x[CHAINS];                                                                            \
+        for (int k = 0; k < CHAINS; k++)                                                           \
             x[k] = (type){0} + (float) k; /* all different, or they would be computed once */      \
         const type a = (type){0} + 0.999f, b = (type){0} + 1.0f;                                   \
         for (long i = 0; i < rounds; i++)                                                          \
-            for (int k = 0; k < 12; k++)                                                           \
+            for (int k = 0; k < CHAINS; k++)                                                       \
                 x[k] = x[k] * a + b;                                                               \
         float sum = 0;                                                                             \
-        for (int k = 0; k < 12; k++)                                                               \
+        for (int k = 0; k < CHAINS; k++)                                                           \
             sum += x[k][0];                                                                        \
         return (double) sum;                                                                       \
     }
+typedef float f4 __attribute__((vector_size(16)));
+MULTIPLY_ADD(multiply_add_4, f4, noinline)
+#if defined(__x86_64__)
 typedef float f16 __attribute__((vector_size(64)));
 typedef float f8 __attribute__((vector_size(32)));
-MULTIPLY_ADD(fma_avx512, "avx512f", f16, 16)
-MULTIPLY_ADD(fma_avx2, "avx2,fma", f8, 8)
+MULTIPLY_ADD(multiply_add_16, f16, noinline, target("avx512f"))
+MULTIPLY_ADD(multiply_add_8, f8, noinline, target("avx2,fma"))
 #endif
 
 static double flops(void)
 {
     const long rounds = 5000000;
-    double best = 0;
-    for (int i = 0; i < 5; i++) {
-        volatile double sink = 0;
-        int lanes = 4;
-        const double start = sg_seconds();
+    double (*work)(long) = multiply_add_4, best = 0;
+    int lanes = 4;
 #if defined(__x86_64__)
-        if (__builtin_cpu_supports("avx512f"))
-            sink = fma_avx512(rounds), lanes = 16;
-        else if (__builtin_cpu_supports("fma"))
-            sink = fma_avx2(rounds), lanes = 8;
+    if (__builtin_cpu_supports("avx512f"))
+        work = multiply_add_16, lanes = 16;
+    else if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+        work = multiply_add_8, lanes = 8;
 #endif
+    for (int i = 0; i < 5; i++) {
+        const double start = sg_seconds();
+        volatile double sink = work(rounds);
         (void) sink;
-        best = fmax(best, 2.0 * lanes * 12 * (double) rounds / (sg_seconds() - start));
+        best = fmax(best, 2.0 * lanes * CHAINS * (double) rounds / (sg_seconds() - start));
     }
     return best;
 }
