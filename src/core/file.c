@@ -34,30 +34,40 @@ FILE *sg_regular_stream(int fd)
     return f;
 }
 
-FILE *sg_regular_open(const char *path)
+/* Never waits for a pipe's writer. */
+static FILE *open_regular(const char *path)
 {
     const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     return fd < 0 ? NULL : sg_regular_stream(fd);
 }
 
-bool sg_replaceable(const char *path)
+/* There is nothing or a regular file: renaming would replace /dev/null. */
+static bool is_replaceable(const char *path)
 {
     struct stat st;
     return stat(path, &st) || S_ISREG(st.st_mode);
 }
 
-FILE *sg_temporary_open(const char *path)
+/* Does not follow a link of that name. NULL: see errno. */
+static FILE *open_temporary(const char *path)
 {
     unlink(path); /* left by a process with the same number, or put there on purpose */
     return fopen(path, "wbxe");
 }
 
-bool sg_temporary_finish(FILE *stream, const char *temporary, const char *path)
+/* Syncs, closes and renames. False: see errno. */
+static bool finish_temporary(FILE *stream, const char *temporary, const char *path)
 {
-    int failed = ferror(stream) | fflush(stream);
-    failed |= fsync(fileno(stream));
-    failed |= fclose(stream);
-    return !failed && !rename(temporary, path);
+    const int before = errno; /* of the write that failed, if one did */
+    int why = fflush(stream) ? errno : ferror(stream) ? before ? before : EIO : 0;
+    if (fsync(fileno(stream)) && !why)
+        why = errno;
+    if (fclose(stream) && !why)
+        why = errno;
+    if (!why && rename(temporary, path))
+        why = errno;
+    errno = why; /* the first cause: what fails after it says less */
+    return !why;
 }
 
 /* Bytes of a file's name that its temporary file has too: what is left of 255 is for the ending. */
@@ -66,7 +76,7 @@ bool sg_temporary_finish(FILE *stream, const char *temporary, const char *path)
 int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
 {
     *w = (struct sg_file_writer){0};
-    if (!sg_replaceable(path))
+    if (!is_replaceable(path))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: cannot write: found a folder or device, expected a file", path);
     const char *name = sg_base_name(path);
@@ -80,7 +90,7 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
         sg_file_abandon(w);
         return SG_ERR_BUDGET;
     }
-    w->stream = sg_temporary_open(w->temporary);
+    w->stream = open_temporary(w->temporary);
     if (!w->stream) {
         int code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", path, strerror(errno));
         sg_free(w->temporary); /* nothing was made that would have to be removed */
@@ -93,12 +103,11 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
 
 int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w)
 {
-    const bool done = sg_temporary_finish(w->stream, w->temporary, w->path);
+    const bool done = finish_temporary(w->stream, w->temporary, w->path);
     w->stream = NULL;
     int code = SG_OK;
     if (!done)
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", w->path,
-                       strerror(errno ? errno : EIO));
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", w->path, strerror(errno));
     else {
         sg_free(w->temporary);
         w->temporary = NULL;
@@ -137,7 +146,7 @@ int sg_open_failed(sg_ctx *ctx, const char *path)
 
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out)
 {
-    *out = sg_regular_open(path);
+    *out = open_regular(path);
     return *out ? SG_OK : sg_open_failed(ctx, path);
 }
 
@@ -172,7 +181,9 @@ int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
     if (!*path)
         return sg_fail(ctx, SG_ERR_USAGE, "found an empty path, expected that of a folder");
     char *copy = sg_strdup(ctx, path);
-    int code = copy ? SG_OK : SG_ERR_BUDGET, tries = 0;
+    if (!copy)
+        return SG_ERR_BUDGET;
+    int code = SG_OK, tries = 0;
     for (char *p = copy + 1; !code;) {
         if (*p && *p != '/') {
             p++;

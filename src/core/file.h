@@ -11,16 +11,10 @@
 /* What follows the last slash. */
 const char *sg_base_name(const char *path);
 
-/* The steps of the functions below, for callers without a context. NULL or false: see errno. */
-FILE *
-sg_regular_stream(int fd); /* takes over a descriptor that was opened to read; otherwise as below */
-FILE *sg_regular_open(const char *path); /* to read; EINVAL: a pipe, device or folder. Never waits
-                                            for a pipe's writer. */
-bool sg_replaceable(
-    const char *path); /* there is nothing or a regular file: renaming would replace /dev/null */
-FILE *sg_temporary_open(const char *path); /* to write; does not follow a link of that name */
-bool sg_temporary_finish(FILE *stream, const char *temporary,
-                         const char *path); /* synced, closed, renamed */
+/* Takes over a descriptor that was opened to read. NULL: see errno, EINVAL for a pipe or folder. */
+FILE *sg_regular_stream(int fd);
+/* What errno says after a file was not opened, as an error. */
+int sg_open_failed(sg_ctx *ctx, const char *path);
 
 /* Writes go to a temporary name beside the target; commit syncs and renames, abandon removes. */
 struct sg_file_writer {
@@ -34,8 +28,6 @@ void sg_file_abandon(struct sg_file_writer *w); /* safe after commit, and on a z
 
 /* For reading, from a regular file: pipes and devices are refused without waiting for them. */
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);
-int sg_open_failed(sg_ctx *ctx,
-                   const char *path); /* turns errno of the functions above into an error */
 
 /* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_INPUT. Free with
  * sg_free. */
@@ -50,7 +42,7 @@ int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made);
 int sg_dir_create(sg_ctx *ctx, const char *path);
 
 /* FOLDER/NAME. SG_ERR_INPUT where a folder in NAME is a link: nothing is written or removed through
- * one. */
+ * one. The caller frees *out with sg_free, also after that. */
 int sg_path_below(sg_ctx *ctx, const char *folder, const char *name, char **out);
 
 #endif
