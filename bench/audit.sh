@@ -4,10 +4,10 @@
 #     bench/audit.sh TOOL CLEAN... -- POISONED...        each a scene's folder, with options after a comma: lego,--downscale,2
 set -euo pipefail
 export LC_ALL=C
+[[ $# -ge 4 && " ${*:2} " == *' -- '* && $2 != -- && ${!#} != -- ]] || { sed -n '3,4s/^# //p' "$0" >&2; exit 1; }
 tool=$1; shift
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-[[ " $* " == *' -- '* && "$1" != -- && "${!#}" != -- ]] || { sed -n '3,4s/^# //p' "$0" >&2; exit 1; }
 
 # SET LABEL
 row() {

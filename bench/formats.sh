@@ -6,6 +6,7 @@
 #     MODEL: a run's folder or a model, SCENE: its scene, MACHINE: a name of bench/results/machines.tsv,
 #     OPTIONS: how the views are loaded, such as --downscale 2
 set -eu
+[ $# -ge 4 ] || { sed -n '3,7s/^# //p' "$0" >&2; exit 1; }
 tool=$1 model=$2 scene=$3 machine=$4
 shift 4
 views=("$@")

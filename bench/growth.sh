@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Plots Gaussians over iterations of training runs:  bench/growth.sh OUT.svg LABEL=RUN...
 set -eu
+[ $# -ge 2 ] || { sed -n '3,3s/^# //p' "$0" >&2; exit 1; }
 out=$1; shift
 data=$(mktemp -d)
 trap 'rm -rf "$data"' EXIT

@@ -50,6 +50,8 @@ def compare(png, name, function, work):
 
 
 def main():
+    if len(sys.argv) < 4:
+        sys.exit(__doc__)
     commit, machine, *scenes = sys.argv[1:]
     print("scene", "filter", "photos", "equal, %", "within one grey level, %", "largest difference",
           "OpenCV", "commit", "machine", sep="\t")

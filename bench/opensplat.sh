@@ -6,6 +6,7 @@
 #     bench/opensplat.sh TOOL LEGO FOX MACHINE
 #     LEGO: NeRF-Synthetic's lego, FOX: instant-ngp's fox, MACHINE: a name of bench/results/machines.tsv
 set -eu
+[ $# = 4 ] || { sed -n '3,7s/^# //p' "$0" >&2; exit 1; }
 tool=$1 lego=$2 fox=$3 machine=$4
 results=$(dirname "$0")/results
 commit=$(git -C "$results" rev-parse --short HEAD)

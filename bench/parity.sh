@@ -6,8 +6,9 @@
 #     bench/parity.sh MACHINE [NAME=FILE...]      needs the tests in build/ and mesa-vulkan-drivers
 #     NAME=FILE: a column NAME from what the same tests left in SG_PARITY=FILE on another machine, by SG_TEST_ENGINE
 set -eu
+[ $# -ge 1 ] || { sed -n '3,7s/^# //p' "$0" >&2; exit 1; }
 cd "$(dirname "$0")/.."
-machine=${1:?the name of this machine in bench/results/machines.tsv}
+machine=$1
 shift
 icd=$(ls /usr/share/vulkan/icd.d/lvp_icd.*.json)
 commit=$(git rev-parse --short HEAD)

@@ -3,6 +3,7 @@
 # Runs the benchmark and keeps what it says, with command, commit and machine, in bench/results/NAME.{md,csv,svg}.
 #     bench/record.sh NAME [BENCH-OPTIONS...]          needs a built tree; the plot needs gnuplot
 set -eu
+[ $# -ge 1 ] || { sed -n '3,4s/^# //p' "$0" >&2; exit 1; }
 cd "$(dirname "$0")/.."
 name=$1
 shift

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # The benchmark of stages: every stage has a time, a floor and a row of the CSV file; parts and kernels of a device, and what
-# it says where there is no such part.  BENCH ENGINE WORK come from CTest.
+# it says where there is no such part; and how the scripts around it are called.  BENCH ENGINE WORK come from CTest.
 set -u
 bench=$1 engine=$2 work=$3
 rm -rf "$work" && mkdir -p "$work" && cd "$work" || exit 1
@@ -38,6 +38,11 @@ for engine_only in "--rounds 1" "--gaussians 400" "--side 32" --defense --parts 
     # shellcheck disable=SC2086 # two words
     timeout 60 "$bench" --quick $engine_only >out 2>err && fail "$engine_only without --engine"
     grep -q '^usage: ' err || fail "no word about $engine_only without --engine"
+done
+
+for name in anchors audit formats growth opensplat parity poisons record stages; do
+    bash "$(dirname "$0")/../../bench/$name.sh" >out 2>err && fail "$name.sh without arguments"
+    grep -q "bench/$name.sh [A-Z]" err || fail "no usage of $name.sh"
 done
 
 if [ "${engine%%:*}" != vulkan ]; then
