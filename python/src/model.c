@@ -22,6 +22,9 @@ static PyObject *model_new(PyObject *module, PyObject *args)
     int degree;
     if (!PyArg_ParseTuple(args, "O&ni", to_context, &c, &count, &degree))
         return NULL;
+    if (count < 0)
+        return PyErr_Format(error_type(SG_ERR_USAGE), "count: found %zd, expected at least 0",
+                            count);
     struct handle *h = handle_new(MODEL, c, NULL);
     return made(h, h && CALL(c, sg_model_create(c->ctx, (size_t) count, degree, &h->model)));
 }

@@ -541,7 +541,7 @@ def test_audited_images_have_names_and_masks_each():
 
 def test_every_wrong_argument_is_a_usage_error():
     scene = scene_of()
-    for call in (lambda: sg.defense_preset("x"), lambda: sg.options("x"),
+    for call in (lambda: sg.defense_preset("x"), lambda: sg.options("x"), lambda: sg.Model(-1),
                  lambda: sg.Trainer(scene, audit={})):
         with pytest.raises(sg.UsageError):
             call()
