@@ -637,6 +637,10 @@ def audit_images(images, masks=None, names=None, context=None):
                                  "for each image")
             # Any pose will do: an audit reads pixels alone.
             yield View(name, Camera(w, h, w, t=(k, 0, 0)), image, mask, "train")
+        # Iterators may be without end.
+        for what, given, left in (("names", names, names_left), ("masks", masks, masks_left)):
+            if hasattr(given, "__len__") and next(left, end) is not end:
+                raise UsageError(f"{what}: found {len(given)}, expected one for each image")
 
     return audit(Scene.build(views(), context=context))
 

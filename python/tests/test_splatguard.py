@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import ast
 import gc
+import itertools
 import json
 import math
 import os
@@ -545,6 +546,12 @@ def test_every_wrong_argument_is_a_usage_error():
                  lambda: sg.Trainer(scene, audit={})):
         with pytest.raises(sg.UsageError):
             call()
+    with pytest.raises(sg.UsageError, match="names: found 2, expected one for each image"):
+        sg.audit_images([image], names=["a", "b"])
+    with pytest.raises(sg.UsageError, match="masks: found 3, expected one for each image"):
+        sg.audit_images(iter([image, image]), masks=[None] * 3)
+    assert len(sg.audit_images([image + np.arange(16, dtype="u1")[:, None, None]], names=map(str, itertools.count()),
+                               masks=itertools.repeat(None))["images"]) == 1
 
 
 def test_floats_of_other_classes():
