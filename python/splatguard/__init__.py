@@ -369,7 +369,7 @@ class Model:
     @property
     def active_sh_degree(self):
         """Degree that is drawn, 0 to sh_degree. May be set."""
-        return _core.model_shape(self._handle)[2]
+        return _core.model_active(self._handle)
 
     @active_sh_degree.setter
     def active_sh_degree(self, degree):

@@ -91,8 +91,19 @@ static PyObject *model_shape(PyObject *module, PyObject *args)
     struct handle *h;
     if (!PyArg_ParseTuple(args, "O&", to_model, &h))
         return NULL;
-    return Py_BuildValue("(nii)", (Py_ssize_t) h->model->count, h->model->sh_degree,
-                         h->model->active_sh_degree);
+    return Py_BuildValue("(ni)", (Py_ssize_t) h->model->count, h->model->sh_degree);
+}
+
+/* Unlike the shape it can change, so that it is read and set as the library does. */
+static PyObject *model_active(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    int degree;
+    if (!PyArg_ParseTuple(args, "O&", to_model, &h) ||
+        !CALL(h->context, (degree = h->model->active_sh_degree, SG_OK)))
+        return NULL;
+    return PyLong_FromLong(degree);
 }
 
 static PyObject *model_activate(PyObject *module, PyObject *args)
@@ -105,8 +116,8 @@ static PyObject *model_activate(PyObject *module, PyObject *args)
     if (degree < 0 || degree > h->model->sh_degree)
         return PyErr_Format(error_type(SG_ERR_USAGE), "found SH degree %d, expected 0 to %d",
                             degree, h->model->sh_degree);
-    h->model->active_sh_degree = degree;
-    return Py_BuildValue("");
+    return CALL(h->context, (h->model->active_sh_degree = degree, SG_OK)) ? Py_BuildValue("")
+                                                                          : NULL;
 }
 
 static PyObject *model_field(PyObject *module, PyObject *args)
@@ -267,6 +278,7 @@ PyMethodDef core_object_methods[] = {{"model_new", model_new, METH_VARARGS, NULL
                                      {"model_read", model_read, METH_VARARGS, NULL},
                                      {"model_write", model_write, METH_VARARGS, NULL},
                                      {"model_shape", model_shape, METH_VARARGS, NULL},
+                                     {"model_active", model_active, METH_VARARGS, NULL},
                                      {"model_activate", model_activate, METH_VARARGS, NULL},
                                      {"model_field", model_field, METH_VARARGS, NULL},
                                      {"fields", fields, METH_VARARGS, NULL},

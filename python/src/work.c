@@ -122,16 +122,19 @@ static PyObject *trainer_state(PyObject *module, PyObject *args)
     (void) module;
     struct handle *h;
     struct sg_train_limits l;
-    if (!PyArg_ParseTuple(args, "O&", to_trainer, &h))
+    int iteration;
+    size_t gaussians;
+    if (!PyArg_ParseTuple(args, "O&", to_trainer, &h) ||
+        !CALL(h->context,
+              (sg_trainer_limits(h->trainer, &l), iteration = sg_trainer_iteration(h->trainer),
+               gaussians = sg_trainer_gaussians(h->trainer), SG_OK)))
         return NULL;
-    sg_trainer_limits(h->trainer, &l);
-    return Py_BuildValue(
-        "{s:i,s:n,s:s,s:K,s:O,s:O,s:O,s:K}", "iteration", sg_trainer_iteration(h->trainer),
-        "gaussians", (Py_ssize_t) sg_trainer_gaussians(h->trainer), "variant",
-        sg_trainer_variant(h->trainer), "max_gaussians", (unsigned long long) l.max_gaussians,
-        "by_memory", l.by_memory ? Py_True : Py_False, "gaussians_bound",
-        l.gaussians_bound ? Py_True : Py_False, "time_bound", l.time_bound ? Py_True : Py_False,
-        "steps", (unsigned long long) l.steps);
+    return Py_BuildValue("{s:i,s:n,s:s,s:K,s:O,s:O,s:O,s:K}", "iteration", iteration, "gaussians",
+                         (Py_ssize_t) gaussians, "variant", sg_trainer_variant(h->trainer),
+                         "max_gaussians", (unsigned long long) l.max_gaussians, "by_memory",
+                         l.by_memory ? Py_True : Py_False, "gaussians_bound",
+                         l.gaussians_bound ? Py_True : Py_False, "time_bound",
+                         l.time_bound ? Py_True : Py_False, "steps", (unsigned long long) l.steps);
 }
 
 static PyObject *trainer_model(PyObject *module, PyObject *args)

@@ -322,18 +322,26 @@ entered.wait()
 
 
 def test_a_callback_must_not_call_its_own_context():
-    seen = []
+    seen, trainers = [[] for _ in range(4)], []
 
     def progress(*_):
-        try:
-            model.info()
-        except RuntimeError as error:
-            seen.append(str(error))
+        calls = (model.info, lambda: model.active_sh_degree,
+                 lambda: setattr(model, "active_sh_degree", 0),
+                 lambda: [trainer.state for trainer in trainers])
+        for call, errors in zip(calls, seen):
+            try:
+                call()
+            except RuntimeError as error:
+                errors.append(str(error))
 
     context = sg.Context(progress=progress)
     model = model_of(context=context)
-    sg.train(scene_of(context=context), **SHORT)
-    assert seen and "own callback" in seen[0]
+    trainers.append(sg.Trainer(scene_of(context=context), **SHORT))
+    for _ in range(2):
+        trainers[0].step()
+    for errors in seen:
+        assert errors and all("own callback" in error for error in errors)
+    assert trainers[0].state["iteration"] == trainers[0].iteration == 2
 
 
 # ---- rendering ----
@@ -538,6 +546,12 @@ def test_audited_images_have_names_and_masks_each():
         sg.audit_images([image, image], names=["a"])
     with pytest.raises(sg.UsageError, match="masks: found 1, expected one for each image"):
         sg.audit_images([image, image], masks=iter([None]))
+    with pytest.raises(sg.UsageError, match="names: found 2, expected one for each image"):
+        sg.audit_images([image], names=["a", "b"])
+    with pytest.raises(sg.UsageError, match="masks: found 3, expected one for each image"):
+        sg.audit_images(iter([image, image]), masks=[None] * 3)
+    assert len(sg.audit_images([image + np.arange(16, dtype="u1")[:, None, None]], names=map(str, itertools.count()),
+                               masks=itertools.repeat(None))["images"]) == 1
 
 
 def test_every_wrong_argument_is_a_usage_error():
@@ -546,12 +560,6 @@ def test_every_wrong_argument_is_a_usage_error():
                  lambda: sg.Trainer(scene, audit={})):
         with pytest.raises(sg.UsageError):
             call()
-    with pytest.raises(sg.UsageError, match="names: found 2, expected one for each image"):
-        sg.audit_images([image], names=["a", "b"])
-    with pytest.raises(sg.UsageError, match="masks: found 3, expected one for each image"):
-        sg.audit_images(iter([image, image]), masks=[None] * 3)
-    assert len(sg.audit_images([image + np.arange(16, dtype="u1")[:, None, None]], names=map(str, itertools.count()),
-                               masks=itertools.repeat(None))["images"]) == 1
 
 
 def test_floats_of_other_classes():
