@@ -237,6 +237,12 @@ static void test_presets(void **state)
     assert_true(sg_attack_preset("tt", SG_FORMAT_BLENDER, &a));
     assert_true(a.iterations == 6000 && a.inner == 25 && a.update_interval == 10);
     assert_false(sg_attack_preset("NS", SG_FORMAT_BLENDER, &a));
+    /* What is set stays. */
+    a.inner = 3, a.iterations = a.update_interval = SG_ATTACK_BY_PRESET;
+    assert_false(sg_attack_complete("", SG_FORMAT_BLENDER, &a));
+    assert_true(a.iterations == SG_ATTACK_BY_PRESET);
+    assert_true(sg_attack_complete("ns", SG_FORMAT_COLMAP, &a));
+    assert_true(a.iterations == 6000 && a.inner == 3 && a.update_interval == 10);
 }
 
 /* Sets the field to another value of its range. */

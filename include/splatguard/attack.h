@@ -97,6 +97,9 @@ SG_API bool sg_attack_preset(const char *name, enum sg_scene_format format,
 /* In struct sg_attack_run_params and its options this value of iterations, inner and
  * update_interval means "that of the preset". */
 #define SG_ATTACK_BY_PRESET 0
+/* As sg_attack_preset, but sets those of the three only that are SG_ATTACK_BY_PRESET. */
+SG_API bool sg_attack_complete(const char *name, enum sg_scene_format format,
+                               struct sg_attack_params *params);
 
 /* The results of one visit of a view. */
 struct sg_attack_step {

@@ -170,18 +170,11 @@ static bool attack_params(PyObject *dict, const char *preset, enum sg_scene_form
         p->iterations = p->inner = p->update_interval = SG_ATTACK_BY_PRESET;
     if (!params_set(sg_attack_options(), p, dict, keep))
         return false;
-    if (!*preset)
+    if (!*preset || sg_attack_complete(preset, format, p))
         return true;
-    struct sg_attack_params schedule = *p;
-    if (!sg_attack_preset(preset, format, &schedule)) {
-        PyErr_Format(error_type(SG_ERR_USAGE), "preset: found \"%s\", expected auto, ns, mip or tt",
-                     preset);
-        return false;
-    }
-    p->iterations = p->iterations ? p->iterations : schedule.iterations;
-    p->inner = p->inner ? p->inner : schedule.inner;
-    p->update_interval = p->update_interval ? p->update_interval : schedule.update_interval;
-    return true;
+    PyErr_Format(error_type(SG_ERR_USAGE), "preset: found \"%s\", expected auto, ns, mip or tt",
+                 preset);
+    return false;
 }
 
 static PyObject *attack_new(PyObject *module, PyObject *args)

@@ -28,3 +28,17 @@ bool sg_attack_preset(const char *name, enum sg_scene_format format, struct sg_a
     p->iterations = s.iterations, p->inner = s.inner, p->update_interval = s.update_interval;
     return true;
 }
+
+bool sg_attack_complete(const char *name, enum sg_scene_format format, struct sg_attack_params *p)
+{
+    struct sg_attack_params preset = *p;
+    if (!sg_attack_preset(name, format, &preset))
+        return false;
+    if (p->iterations == SG_ATTACK_BY_PRESET)
+        p->iterations = preset.iterations;
+    if (p->inner == SG_ATTACK_BY_PRESET)
+        p->inner = preset.inner;
+    if (p->update_interval == SG_ATTACK_BY_PRESET)
+        p->update_interval = preset.update_interval;
+    return true;
+}

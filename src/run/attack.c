@@ -60,14 +60,11 @@ static int load_scene(struct attack_run *r)
 static void apply_preset(struct attack_run *r)
 {
     static const char *const names[] = {"auto", "ns", "mip", "tt"};
-    struct sg_attack_params *p = &r->attack_params, preset = r->params->attack;
-    *p = preset;
-    sg_attack_preset(names[r->params->preset], r->scene->format, &preset);
-    if (r->params->method == SG_METHOD_TV_PER_VIEW)
-        preset.inner = 100;
-    p->iterations = p->iterations ? p->iterations : preset.iterations;
-    p->inner = p->inner ? p->inner : preset.inner;
-    p->update_interval = p->update_interval ? p->update_interval : preset.update_interval;
+    struct sg_attack_params *p = &r->attack_params;
+    *p = r->params->attack;
+    if (r->params->method == SG_METHOD_TV_PER_VIEW && p->inner == SG_ATTACK_BY_PRESET)
+        p->inner = 100;
+    sg_attack_complete(names[r->params->preset], r->scene->format, p);
     r->status->iterations = p->iterations;
 }
 
