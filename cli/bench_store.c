@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <sys/utsname.h>
 #include <unistd.h>
 
 #include "bench.h"
@@ -441,22 +440,6 @@ static int put_pictures(struct store *s, const char *of, const struct pictures *
     return code;
 }
 
-static void machine_name(char *text, size_t size)
-{
-    struct utsname u;
-    char line[256];
-    snprintf(text, size, "%s", uname(&u) ? "unknown" : u.machine);
-    FILE *f = fopen("/proc/cpuinfo", "r");
-    while (f && fgets(line, sizeof(line), f))
-        if (!strncmp(line, "model name", 10) && strchr(line, ':')) {
-            snprintf(text, size, "%s", strchr(line, ':') + 2);
-            text[strcspn(text, "\n")] = 0;
-            break;
-        }
-    if (f)
-        fclose(f);
-}
-
 static int store_drop(struct store *s, const char *key)
 {
     static const char *const sql[] = {
@@ -473,7 +456,7 @@ static int store_drop(struct store *s, const char *key)
 int store_put(struct store *s, const struct job *j, const struct outcome *o)
 {
     char machine[128];
-    machine_name(machine, sizeof(machine));
+    sg_machine_name(machine, sizeof(machine));
     const json_t *variant = json_object_get(o->run_config, "cpu_variant");
     char before[16];
     int code = store_status(s, j->key, before);

@@ -10,6 +10,7 @@
 #include "core/file.h"
 #include "core/context.h"
 #include "models.h"
+#include "splatguard/engine.h"
 
 static sg_ctx *limited(int threads, uint64_t bytes)
 {
@@ -382,6 +383,23 @@ static void test_rng_moments(void **state)
     assert_float_equal(lag / n, 0, 0.01);
 }
 
+static void test_machine_name(void **state)
+{
+    (void) state;
+    char name[256], cut[6] = "#####", line[300], model[256] = "";
+    sg_machine_name(name, sizeof(name));
+    FILE *f = fopen("/proc/cpuinfo", "r");
+    while (f && !*model && fgets(line, sizeof(line), f))
+        sscanf(line, "model name : %255[^\n]", model);
+    if (f)
+        fclose(f);
+    if (*model)
+        assert_string_equal(name, model);
+    assert_true(*name && !strchr(name, '\n'));
+    sg_machine_name(cut, 4);
+    assert_true(!strncmp(cut, name, 3) && !cut[3] && cut[4] == '#');
+}
+
 /* Streams, uses and seeds are different numbers; the values themselves are part of what makes runs
  * repeatable. */
 static void test_rng_streams(void **state)
@@ -412,6 +430,7 @@ int main(void)
         cmocka_unit_test(test_first_error_wins),
         cmocka_unit_test(test_printable),
         cmocka_unit_test(test_context_parameters),
+        cmocka_unit_test(test_machine_name),
         cmocka_unit_test(test_rng_moments),
         cmocka_unit_test(test_rng_streams),
     };

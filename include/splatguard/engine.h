@@ -46,6 +46,11 @@ struct sg_device_info {
  * machine or this build lacks to have any, a static text, or NULL. Thread safety: safe. */
 SG_API size_t sg_device_list(struct sg_device_info *out, size_t most, const char **missing);
 
+/* The processor's name, by which results say where they come from; where the system has none, its
+ * architecture, or "unknown". name: size bytes, at least 1; a longer name is cut. Thread safety:
+ * safe. */
+SG_API void sg_machine_name(char *name, size_t size);
+
 #ifdef __cplusplus
 }
 #endif

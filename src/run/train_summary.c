@@ -1,27 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <stdlib.h>
-#include <string.h>
 #include <sys/resource.h>
 
 #include "core/json_text.h"
+#include "splatguard/engine.h"
 #include "train.h"
 #include "train/trainer.h"
 
-/* The processor's name, so that every figure says where it comes from. */
 static json_t *machine(void)
 {
-    char line[256];
-    FILE *f = fopen("/proc/cpuinfo", "r");
-    json_t *name = NULL;
-    while (f && !name && fgets(line, sizeof(line), f)) {
-        const char *value = strchr(line, ':');
-        line[strcspn(line, "\n")] = 0;
-        if (!strncmp(line, "model name", 10) && value)
-            name = sg_text_to_json(value + strspn(value, ": \t"));
-    }
-    if (f)
-        fclose(f);
-    return name ? name : json_string("unknown");
+    char name[256];
+    sg_machine_name(name, sizeof(name));
+    return sg_text_to_json(name);
 }
 
 static json_t *ledger(const sg_ctx *ctx, uint64_t (*peak)(const sg_ctx *, enum sg_mem_tag))
