@@ -97,6 +97,7 @@ SG_API size_t sg_take_printable(const char **text, char *shown);
 /* "load", "audit", ... */
 SG_API const char *sg_stage_name(enum sg_stage stage);
 
+/* Threads that work, the caller's among them. */
 SG_API int sg_ctx_threads(const sg_ctx *ctx);
 
 /* sg_ctx_params.max_memory. */

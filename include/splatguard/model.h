@@ -58,7 +58,7 @@ static inline float *sg_model_at(const struct sg_model *m, size_t i, int p)
 /* An all-zero model of `count` Gaussians; the caller owns *out. One of 0 can be made, but neither
  * trained nor written: see sg_model_check. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. */
 SG_API int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out);
-SG_API void sg_model_destroy(struct sg_model **model);
+SG_API void sg_model_destroy(struct sg_model **model); /* NULL-safe; sets *model to NULL */
 
 /* Gaussians that a model can be drawn as: its count, or for one of anchors 10 times that. */
 SG_API uint64_t sg_model_gaussians(const struct sg_model *model);
@@ -101,7 +101,8 @@ SG_API int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussia
                              struct sg_model **out);
 
 /* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer
- * f_rest below. The file appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be
+ * f_rest below. A model of anchors is written as Scaffold-GS does, with its networks beside it, in
+ * networks.safetensors. A file appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be
  * written or the model has no Gaussians, SG_ERR_BUDGET. */
 SG_API int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *path);
 
@@ -112,10 +113,11 @@ SG_API int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points
                               uint8_t **rgb, size_t *n);
 SG_API int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb,
                                size_t n);
-SG_API void sg_points_destroy(float **xyz, uint8_t **rgb);
+SG_API void sg_points_destroy(float **xyz, uint8_t **rgb); /* NULL-safe; sets both to NULL */
 
 /* cameras.json as the reference writes it: test cameras first, then train. A principal point that
- * is not the centre is written too, as cx and cy, which the reference does not have. */
+ * is not the centre is written too, as cx and cy, which the reference does not have. The file
+ * appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be written, SG_ERR_BUDGET. */
 SG_API int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path);
 /* The cameras of such a file, for renders without a scene: views in the order of their names,
  * without photos (rgb, file and path are NULL). A name that repeats becomes NAME_I in all of its
@@ -145,6 +147,7 @@ struct sg_model_info {
     size_t zero_rotation;    /* quaternions of length 0 */
     size_t transparent;      /* opacity < 1/255: never drawn */
 };
+/* Measures a model, also one that is not finite or has no Gaussian. Errors: SG_ERR_BUDGET. */
 SG_API int sg_model_inspect(sg_ctx *ctx, const struct sg_model *model, struct sg_model_info *out);
 
 #ifdef __cplusplus

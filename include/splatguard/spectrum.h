@@ -16,7 +16,8 @@ extern "C" {
 #define SG_SPECTRUM_RINGS 64
 
 struct sg_spectrum_params {
-    /* The band, relative to the Nyquist frequency (0.5 cycles per pixel). Default 0.3 to 0.9. */
+    /* The band, relative to the Nyquist frequency (0.5 cycles per pixel): 0 <= low <= high <= 1.
+     * Default 0.3 to 0.9. */
     double low, high;
     int bins; /* directions over the full circle, even, 2..SG_SPECTRUM_BINS_MAX. Default 36. */
 };
