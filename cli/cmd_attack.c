@@ -108,7 +108,7 @@ static const char *without_effect(const struct sg_attack_run_params *p, const st
 /* Refuses options without an effect, or warns of them. */
 static int check_effects(const struct sg_attack_run_params *p, const bool *given)
 {
-    static const char *const names[] = {"poison-splat", "noise", "tv-per-view", "drift"};
+    const struct sg_option *method = sg_option_find(sg_attack_run_options(), "method");
     struct option_place list[OPTIONS_MAX];
     const size_t n = options_list(&command_attack, list);
     for (size_t i = 0; i < n; i++) {
@@ -120,18 +120,22 @@ static int check_effects(const struct sg_attack_run_params *p, const bool *given
         if (methods >> p->method & 1) {
             const char *why = without_effect(p, o);
             if (why)
-                say(stderr, "warning: --%s has no effect %s\n", o->name, why);
+                warn_unused(o->name, why);
             continue;
         }
         char expected[64] = "";
+        const char *word;
         for (int m = 0; m <= SG_METHOD_DRIFT; m++)
-            if (methods >> m & 1)
-                snprintf(expected + strlen(expected), sizeof(expected) - strlen(expected), "%s%s",
-                         *expected ? " or " : "", names[m]);
+            if (methods >> m & 1) {
+                const int length = option_word(method, m, &word);
+                snprintf(expected + strlen(expected), sizeof(expected) - strlen(expected), "%s%.*s",
+                         *expected ? " or " : "", length, word);
+            }
+        const int length = option_word(method, (int) p->method, &word);
         const bool bound = !strcmp(o->name, "epsilon"); /* which others have, but not without end */
-        say(stderr, "%s--%s %s with --method %s; it belongs to --method %s\n",
+        say(stderr, "%s--%s %s with --method %.*s; it belongs to --method %s\n",
             refused ? "splatguard attack: " : "warning: ", o->name,
-            bound ? "inf: found" : "has no effect", names[p->method], expected);
+            bound ? "inf: found" : "has no effect", length, word, expected);
         if (refused)
             return STATUS_USAGE;
     }

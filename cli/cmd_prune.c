@@ -50,19 +50,22 @@ static void defaults(void *config)
 /* Refuses options of the scores that --method does not ask for. */
 static int check_method(const struct prune_config *c, const bool *given)
 {
-    static const char *const methods[][2] = {{"lightgaussian", "LightGaussian"}, /* its group */
-                                             {"pup", "PUP 3D-GS"},
-                                             {"spectral", "Spectral"}};
+    static const char *const groups[] = {[SG_PRUNER_LIGHTGAUSSIAN] = "LightGaussian",
+                                         [SG_PRUNER_PUP] = "PUP 3D-GS",
+                                         [SG_PRUNER_SPECTRAL] = "Spectral"};
+    const struct sg_option *method = sg_option_find(sg_prune_options(), "method");
     struct option_place list[OPTIONS_MAX];
     const size_t n = options_list(&command_prune, list);
     for (size_t i = 0; i < n; i++)
         for (int m = 0; m <= SG_PRUNER_SPECTRAL; m++)
-            if (given[i] && m != (int) c->prune.method &&
-                !strcmp(list[i].row->group, methods[m][1])) {
+            if (given[i] && m != (int) c->prune.method && !strcmp(list[i].row->group, groups[m])) {
+                const char *found, *expected;
+                const int length = option_word(method, (int) c->prune.method, &found),
+                          other = option_word(method, m, &expected);
                 say(stderr,
-                    "splatguard prune: --%s: found with --method %s, expected --method %s with "
+                    "splatguard prune: --%s: found with --method %.*s, expected --method %.*s with "
                     "it\n",
-                    list[i].row->name, methods[c->prune.method][0], methods[m][0]);
+                    list[i].row->name, length, found, other, expected);
                 return STATUS_USAGE;
             }
     return STATUS_DONE;

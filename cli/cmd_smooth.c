@@ -76,7 +76,7 @@ static int run_smooth(const void *config, const bool *given, const char *const *
     }
     if (c->files.save == SG_POISON_PNG &&
         options_given(&command_smooth, given, M(files.jpeg_quality)))
-        say(stderr, "warning: --jpeg-quality has no effect with --save png\n");
+        warn_unused("jpeg-quality", "with --save png");
     c->scene.eval = c->views == 1;
     const int code = open_context(&ctx, c->threads, c->max_memory, c->quiet);
     if (code)

@@ -83,7 +83,7 @@ static int check_options(const struct train_config *c, const bool *given)
     }
     /* A plan's proxies have these without --eval: not refused. */
     if (!c->run.scene.eval && options_given(&command_train, given, T(run.eval_every)))
-        say(stderr, "warning: --eval-every has no effect without --eval\n");
+        warn_unused("eval-every", "without --eval");
     if (c->run.audit == SG_RUN_AUDIT_DEFEND && !c->run.train.defense.on &&
         options_given(&command_train, given, T(run.train.defense.on))) {
         say(stderr, "splatguard train: --defense off and --audit defend exclude each other\n");

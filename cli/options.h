@@ -93,6 +93,12 @@ void make_printable(char *text);
 /* A JSON string; of text that is not UTF-8, what is not ASCII becomes "?". */
 json_t *text_json(const char *text);
 
+/* Warns of an option that was given and changes nothing. why: "with --save png". */
+void warn_unused(const char *option, const char *why);
+
+/* A word of an option with choices, by its index, for "%.*s": returns its length. */
+int option_word(const struct sg_option *option, int index, const char **word);
+
 /* For JSON: a number that is not finite becomes null. */
 json_t *number_json(double v);
 
