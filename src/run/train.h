@@ -59,9 +59,6 @@ struct sg_run {
 int sg_run_open_in(sg_ctx *ctx, const struct sg_run_params *params, enum sg_run_start start,
                    bool nested, sg_run **out);
 
-/* What the preset decides where the parameters leave it to that, as config.json keeps it. */
-void sg_run_apply_preset(struct sg_run_params *p, const struct sg_defense_params *preset);
-
 /* The defense that follows from parameters and photos: fills run->train. A resumed run has decided
  * whether there is one. */
 int sg_run_decide_defense(sg_run *run);

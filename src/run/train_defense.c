@@ -7,7 +7,8 @@
 #include "option/option.h"
 #include "train.h"
 
-void sg_run_apply_preset(struct sg_run_params *p, const struct sg_defense_params *preset)
+/* What the preset decides where the parameters leave it to that, as config.json keeps it. */
+static void apply_preset(struct sg_run_params *p, const struct sg_defense_params *preset)
 {
     struct sg_defense_params *d = &p->train.defense;
     /* MCMC moves the Gaussians that the filter would remove. */
@@ -56,7 +57,7 @@ int sg_run_check(sg_ctx *ctx, const struct sg_run_params *params)
             "defense.rho_least: found %g with a fixed rho, expected preset auto or a rho "
             "below 0",
             d->rho_least);
-    sg_run_apply_preset(&p, &preset);
+    apply_preset(&p, &preset);
     p.train.tolerance = p.train.tolerance == SG_TOLERANCE_AUTO ? 0 : p.train.tolerance;
     return sg_train_check(ctx, &p.train);
 }
@@ -139,7 +140,7 @@ int sg_run_decide_defense(sg_run *r)
     if (p->audit != SG_RUN_AUDIT_OFF || p->train.tolerance == SG_TOLERANCE_AUTO ||
         (p->train.defense.on && p->preset == SG_RUN_PRESET_AUTO))
         code = audit(r, &preset);
-    sg_run_apply_preset(p, &preset);
+    apply_preset(p, &preset);
     r->train = p->train;
     r->train.tolerances = p->train.tolerance == SG_TOLERANCE_AUTO ? r->tolerances : NULL;
     r->train.tolerance = fmaxf(p->train.tolerance, 0);

@@ -62,8 +62,9 @@ void sg_transforms_clear(struct sg_transforms *t)
     *t = (struct sg_transforms){0};
 }
 
-int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
-                   double *out)
+/* Leaves *out unchanged if the key is absent or null. */
+static int get_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
+                      double *out)
 {
     const json_t *value = json_object_get(object, key);
     if (!value || json_is_null(value))
@@ -92,7 +93,7 @@ static int get_side(sg_ctx *ctx, const json_t *object, const char *key, const ch
                     int *side)
 {
     double v = 0;
-    int code = sg_json_number(ctx, object, key, where, &v);
+    int code = get_number(ctx, object, key, where, &v);
     if (code || v == 0)
         return code;
     if (!(v >= 1 && v <= 1 << 20) || v != floor(v)) /* some writers make it 1080.0 */
@@ -158,7 +159,7 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
     if (!code)
         code = get_side(ctx, object, "h", where, &lens->height);
     for (size_t i = 0; i < sizeof(numbers) / sizeof(*numbers) && !code; i++)
-        code = sg_json_number(ctx, object, numbers[i].key, where, numbers[i].value);
+        code = get_number(ctx, object, numbers[i].key, where, numbers[i].value);
     if (!code)
         code = get_kind(ctx, object, where, &lens->kind);
     if (code)

@@ -23,8 +23,6 @@ int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t s
                        uint64_t max_frames, struct sg_transforms *out);
 void sg_transforms_clear(struct sg_transforms *transforms);
 /* Leaves *out unchanged if the key is absent or null. */
-int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
-                   double *out);
 int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
                  const char **out);
 /* Intrinsics given in object replace those of *lens. */
