@@ -86,6 +86,7 @@ struct sg_audit {
 SG_API int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out);
 SG_API void sg_audit_destroy(struct sg_audit **audit);
 
+/* "clean", "suspicious", ...: static. */
 SG_API const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
 
 /* Measures one image. rgb: height x width x 3. mask: height x width, 0 = ignored, or NULL. map:

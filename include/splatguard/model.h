@@ -58,7 +58,7 @@ static inline float *sg_model_at(const struct sg_model *m, size_t i, int p)
 /* An all-zero model of `count` Gaussians; the caller owns *out. One of 0 can be made, but neither
  * trained nor written: see sg_model_check. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. */
 SG_API int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out);
-SG_API void sg_model_destroy(struct sg_model **model); /* NULL-safe; sets *model to NULL */
+SG_API void sg_model_destroy(struct sg_model **model);
 
 /* Gaussians that a model can be drawn as: its count, or for one of anchors 10 times that. */
 SG_API uint64_t sg_model_gaussians(const struct sg_model *model);

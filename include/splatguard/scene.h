@@ -134,6 +134,7 @@ SG_API void sg_view_release(const struct sg_view *view);
  * own index, or with test_halves that of a test view's left half. SIZE_MAX: none. */
 SG_API size_t sg_scene_photo(const struct sg_scene *scene, const struct sg_view *view);
 
+/* "colmap", "blender", ...: static. */
 SG_API const char *sg_scene_format_name(enum sg_scene_format format);
 
 /* A scene is built from memory in four steps: create a builder, add views, add points, finish.
@@ -184,11 +185,11 @@ SG_API int sg_scene_builder_set_name(sg_scene_builder *builder, const char *name
 SG_API int sg_scene_builder_add_view(sg_scene_builder *builder, const struct sg_view_desc *view);
 /* For views with `read`: the bytes of photos, as the context counts them, that stay in memory after
  * their use; the others are dropped and read again. A training that needs the memory drops more. To
- * be called before such views are added. Default: all of them, or with a
- * memory limit of the context a quarter of it. */
+ * be called before such views are added. Default: all of them, or with a memory limit of the
+ * context a quarter of it. */
 SG_API void sg_scene_builder_keep_photos(sg_scene_builder *builder, uint64_t bytes);
-/* Adds n points. xyz: n x 3, finite; rgb: n x 3, or NULL for grey. Both are
- * copied. Errors as above. */
+/* Adds n points. xyz: n x 3, finite; rgb: n x 3, or NULL for grey. Both are copied. Errors: as
+ * above. */
 SG_API int sg_scene_builder_add_points(sg_scene_builder *builder, const float *xyz,
                                        const uint8_t *rgb, size_t n);
 /* Splits the views, measures the extent, and makes the scene, which the caller owns. *builder is

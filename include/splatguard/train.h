@@ -362,12 +362,12 @@ SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 
 /* Copies the current model; the caller owns *out. With SG_MODEL_MIP the 3D filter is in its scales
  * and opacities, unless keep_filter; it is to be drawn with sg_render_params.mip_kernel. With
- * SG_MODEL_SCAFFOLD it is one of anchors, see sg_model_read_drawable. */
+ * SG_MODEL_SCAFFOLD it is one of anchors, see sg_model_read_drawable. Errors: SG_ERR_BUDGET. */
 SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 
 /* A renderer of the current model that uses the buffers of the run, without a copy, on the run's
  * background. It is valid until the next step of the trainer or its destruction. The caller
- * destroys *out. */
+ * destroys *out. Errors: SG_ERR_BUDGET. */
 SG_API int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
 
 /* The next pass of the defense's filter. */
