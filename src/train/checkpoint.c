@@ -29,7 +29,7 @@ static bool counters_sound(const struct sg_checkpoint_header *h)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
     return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 &&
            h->noise >= 0 && h->noise <= 255 && h->beyond >= 0 && h->beyond <= 1 &&
-           h->smooths <= 1 && (!h->smooths || h->noise >= SG_LEAST_SMOOTHED);
+           h->smooths <= 1 && (!h->smooths || h->noise > 0);
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)

@@ -216,7 +216,7 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
         if (t->tolerances[i] > 0)
             t->tolerances[i] = (float) out->level;
     const bool first = t->beyond >= 1 && !(t->noise > 0);
-    out->smooths = t->tolerances && first && out->level >= SG_LEAST_SMOOTHED && !shows_bound(&f) &&
+    out->smooths = t->tolerances && first && out->level > 0 && !shows_bound(&f) &&
                    f.sum.beyond > (double) t->params.tolerance_smooth * f.sum.all;
     if (out->level > 0)
         t->noise = out->level;

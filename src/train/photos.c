@@ -2,6 +2,7 @@
 /* The photos that a training compares its renders with: in the engine for the whole run or for one
  * step, as they are or smoothed. */
 #include <limits.h>
+#include <math.h>
 
 #include "image/smooth.h"
 #include "scene/photo.h"
@@ -27,8 +28,13 @@ void sg_trainer_let_go(sg_trainer *t, size_t view)
     t->photos[view] = 0;
 }
 
-/* Of the bilateral filter: its usual 75 for the noise of a poison with epsilon 16. */
-#define SIGMA_PER_LEVEL (SG_SMOOTH_SIGMA / 16.0)
+/* The bilateral filter's sigma of colours against noise of this level: its usual 75 for 16 levels,
+ * and less than in proportion below, where the filter takes more detail than noise. */
+static double sigma_of(double level)
+{
+    const double x = level / 16;
+    return SG_SMOOTH_SIGMA * x * sqrt(fmin(x, 1));
+}
 
 /* Smoothed pixels take the place of the photo's, which is released. */
 static int smooth(sg_trainer *t, size_t view, const uint8_t **rgb)
@@ -36,9 +42,8 @@ static int smooth(sg_trainer *t, size_t view, const uint8_t **rgb)
     const struct sg_view *v = &t->scene->train[view];
     const int w = v->camera.width, h = v->camera.height;
     uint8_t *out = sg_alloc_raw(t->ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
-    const int code =
-        out ? sg_smooth_bilateral(t->ctx, SIGMA_PER_LEVEL * t->noise, *rgb, v->mask, w, h, out)
-            : SG_ERR_BUDGET;
+    const int code = out ? sg_smooth_bilateral(t->ctx, sigma_of(t->noise), *rgb, v->mask, w, h, out)
+                         : SG_ERR_BUDGET;
     if (code) {
         sg_free(out);
         return code;

@@ -95,8 +95,6 @@ int sg_trainer_hold_photo(sg_trainer *t, size_t view, bool stays);
 /* Releases the photo of a view that the engine does not have any more. */
 void sg_trainer_let_go(sg_trainer *t, size_t view);
 
-/* Grey levels of noise from which photos are smoothed: less is not worth what smoothing costs. */
-#define SG_LEAST_SMOOTHED 10
 /* Photos with a tolerance are smoothed from now on. After an error the trainer cannot go on. */
 int sg_trainer_smooth(sg_trainer *t);
 bool sg_trainer_smooths(const sg_trainer *t, size_t view);
