@@ -186,11 +186,11 @@ struct sg_train_params {
      * tolerance, no Gaussian is added or removed in these iterations, and learning rates fall to a
      * fiftieth. 0..1000, 0 = off, and so always with SG_MODEL_SCAFFOLD. Default 20. */
     float tolerance_low_pass;
-    /* With `tolerances`, where the first look finds a level of at least 10 grey levels, and more
-     * than this share of the differences beyond the tolerances, no bound of a poison shows, and
-     * photos agree too little for a tolerance to help: those with one are smoothed from then on,
-     * and have none. The filter is SG_SMOOTH_BILATERAL, with a standard deviation of colours of 75
-     * / 16 of the level. 0..1, 1 = never. Default 0.37. */
+    /* With `tolerances`, where the first look finds more than this share of the differences beyond
+     * the tolerances and no bound of a poison, photos agree too little for a tolerance to help:
+     * those with one are smoothed from then on, and have none. The filter is SG_SMOOTH_BILATERAL.
+     * Its standard deviation of colours is 75 x with x = level / 16, or 75 x^1.5 for x below 1.
+     * 0..1, 1 = never. Default 0.37. */
     float tolerance_smooth;
     /* Each photo has an affine map of colours, which is learned with the model and shows how the
      * photo was exposed. Renders are without. Default false. */
@@ -274,7 +274,7 @@ struct sg_noise {
     /* Of the noise in grey levels. If a quarter of those compared show a bound: its 75th
      * percentile, but at least half of the median of `tolerances`. Else that of the earlier looks,
      * at the first one the 75th percentile over `photos`, and half of it again as far as that
-     * median allows. 0 = never measured. */
+     * median allows, but as it is for smoothing. 0 = never measured. */
     double level;
     /* Where photos have `tolerances` of their own: the level until now, at the first look the
      * median of those above 0. Else 0. */

@@ -183,7 +183,7 @@ static void say_tolerance(const sg_run *r)
 {
     const struct sg_noise *n = &r->step.noise;
     const double before = round(10 * n->before), level = round(10 * n->level); /* as is printed */
-    if (before > 0 && level > 0 && level != before)
+    if (before > 0 && level > 0 && level != before && !n->smooths)
         sg_log(
             r->ctx, SG_LOG_INFO,
             "iteration %d: tolerance %s from %.1f to %.1f grey levels, as %zu of %zu photos show",
@@ -192,8 +192,8 @@ static void say_tolerance(const sg_run *r)
     if (n->smooths)
         sg_log(r->ctx, SG_LOG_INFO,
                "iteration %d: photos and model agree too little for a tolerance; photos with one "
-               "are smoothed from here on",
-               r->step.iteration);
+               "are smoothed from here on, against noise of %.1f grey levels",
+               r->step.iteration, n->level);
     if (n->added)
         sg_log(r->ctx, SG_LOG_INFO,
                "iteration %d: %zu more photos show the same bound and get the tolerance",

@@ -218,6 +218,8 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
     const bool first = t->beyond >= 1 && !(t->noise > 0);
     out->smooths = t->tolerances && first && out->level > 0 && !shows_bound(&f) &&
                    f.sum.beyond > (double) t->params.tolerance_smooth * f.sum.all;
+    if (out->smooths) /* a filter needs no margin */
+        out->level = fmin(quantile(&f.levels, 3), SG_TOLERANCE_MAX);
     if (out->level > 0)
         t->noise = out->level;
     if (t->tolerances && shows_bound(&f))

@@ -96,7 +96,7 @@ awk "BEGIN { exit !($(rho grainy-0) < $(rho grainy-auto) - 0.1) }" ||
 # What a look changes is said. It needs photos with parts that are quiet.
 expect 0 synth -o large --width 128 --height 96 --train-views 4 --test-views 1 --points 300 --samples 1
 expect 0 attack large/blender -o large-noisy --method noise --epsilon 6 -q
-expect 0 train large-noisy -o large-looked ${short% --quiet} --init-points $points --tolerance auto
+expect 0 train large-noisy -o large-looked ${short% --quiet} --init-points $points --tolerance auto --tolerance-smooth 1
 look=$(grep '"noise":' large-looked/log.jsonl | head -n 1)
 change=$(printf '%s\n' "$look" | sed 's/.*"level":\([0-9.]*\),"before":\([0-9.]*\).*/\2 \1/' |
     awk '{ printf "%s from %.1f to %.1f", ($2 > $1 ? "raised" : "lowered"), $1, $2 }')
@@ -107,7 +107,7 @@ says "tolerance $change grey levels, as $photos photos show"
 expect 0 synth -o larger --width 192 --height 144 --train-views 4 --test-views 1 --points 300 --samples 1
 expect 0 attack larger/blender -o larger-noisy --method noise --epsilon 16 -q
 expect 0 train larger-noisy -o smoothed ${short% --quiet} --init-points $points --tolerance auto --tolerance-smooth 0
-says 'are smoothed from here on'
+says 'are smoothed from here on, against noise of '
 grep '"noise":' smoothed/log.jsonl | grep -q '"smooths":true' || fail "the log does not say so"
 tr -d ' \n' <smoothed/summary.json | grep -q '"tolerance":{"photos":0,"levels":0[.0]*,"smoothed":[1-4]' ||
     fail "the summary does not count smoothed photos: $(cat smoothed/summary.json)"
