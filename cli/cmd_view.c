@@ -110,6 +110,8 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
                                &v->run);
     if (!code && !scene)
         code = check_iteration(&command_view, place, o->iteration);
+    if (!code)
+        code = view_server_find(); /* before anything large is read */
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
     render_as_trained(&o->render, &v->run.train);
@@ -254,9 +256,7 @@ static int run_view(const void *config, const bool *given, const char *const *po
     (void) count;
     struct view_config c = *(const struct view_config *) config;
     struct viewed v = {0};
-    int code = view_server_find(); /* before anything large is read */
-    if (!code)
-        code = open_viewed(&v, positional[0], given, &c);
+    int code = open_viewed(&v, positional[0], given, &c);
     if (!code)
         code = serve(&v, &c, positional[0]);
     view_scores_clear(&v.scores);

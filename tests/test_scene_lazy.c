@@ -90,6 +90,7 @@ static struct sg_model *train_smoothed(sg_ctx *ctx, const struct sg_scene *scene
     p.max_gaussians = 900;
     static const float tolerances[VIEWS] = {[4] = 6, [7] = 6};
     p.tolerances = tolerances, p.tolerance_look = 12; /* which reads both photos once more */
+    p.tolerance_smooth = 1;                           /* not before smooth_after */
     assert_int_equal(sg_model_init_random(ctx, 300, 1.3f, 7, 1, &start), SG_OK);
     assert_int_equal(sg_trainer_create(ctx, scene, start, &p, &t), SG_OK);
     sg_model_destroy(&start);

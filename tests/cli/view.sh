@@ -18,7 +18,9 @@ interrupt "$view" || fail "the view ends with $?"
 mkdir broken # what has none of its functions
 ln -s "$(ldd "$program" | awk '/libm\.so/ { print $3 }')" broken/libmicrohttpd.so.12
 LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 view run; says 'no HTTP server'; says 'MHD_'
-LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 view none; says 'no HTTP server' # first of all
+mkdir unread && echo '{' >unread/transforms_train.json
+LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 view unread; says 'no HTTP server' # before anything is read
+expect 2 view unread
 rm broken/libmicrohttpd.so.12 && : >broken/libmicrohttpd.so.12
 LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 train scene/blender -o unseen --view; says 'no HTTP server'
 [ ! -e unseen ] || fail "a training that nobody can look at has begun"
