@@ -123,19 +123,20 @@ static int check_effects(const struct sg_attack_run_params *p, const bool *given
                 warn_unused(o->name, why);
             continue;
         }
-        char expected[64] = "";
-        const char *word;
+        char found[16], name[16], expected[64] = "";
+        sg_option_get(method, p, found, sizeof(found));
         for (int m = 0; m <= SG_METHOD_DRIFT; m++)
             if (methods >> m & 1) {
-                const int length = option_word(method, m, &word);
-                snprintf(expected + strlen(expected), sizeof(expected) - strlen(expected), "%s%.*s",
-                         *expected ? " or " : "", length, word);
+                struct sg_attack_run_params other = *p;
+                other.method = (enum sg_attack_method) m;
+                sg_option_get(method, &other, name, sizeof(name));
+                snprintf(expected + strlen(expected), sizeof(expected) - strlen(expected), "%s%s",
+                         *expected ? " or " : "", name);
             }
-        const int length = option_word(method, (int) p->method, &word);
         const bool bound = !strcmp(o->name, "epsilon"); /* which others have, but not without end */
-        say(stderr, "%s--%s %s with --method %.*s; it belongs to --method %s\n",
+        say(stderr, "%s--%s %s with --method %s; it belongs to --method %s\n",
             refused ? "splatguard attack: " : "warning: ", o->name,
-            bound ? "inf: found" : "has no effect", length, word, expected);
+            bound ? "inf: found" : "has no effect", found, expected);
         if (refused)
             return STATUS_USAGE;
     }

@@ -59,13 +59,15 @@ static int check_method(const struct prune_config *c, const bool *given)
     for (size_t i = 0; i < n; i++)
         for (int m = 0; m <= SG_PRUNER_SPECTRAL; m++)
             if (given[i] && m != (int) c->prune.method && !strcmp(list[i].row->group, groups[m])) {
-                const char *found, *expected;
-                const int length = option_word(method, (int) c->prune.method, &found),
-                          other = option_word(method, m, &expected);
+                char found[16], expected[16];
+                struct sg_prune_params other = c->prune;
+                other.method = (enum sg_pruner) m;
+                sg_option_get(method, &c->prune, found, sizeof(found));
+                sg_option_get(method, &other, expected, sizeof(expected));
                 say(stderr,
-                    "splatguard prune: --%s: found with --method %.*s, expected --method %.*s with "
+                    "splatguard prune: --%s: found with --method %s, expected --method %s with "
                     "it\n",
-                    list[i].row->name, length, found, other, expected);
+                    list[i].row->name, found, expected);
                 return STATUS_USAGE;
             }
     return STATUS_DONE;

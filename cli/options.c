@@ -242,15 +242,6 @@ void warn_unused(const char *option, const char *why)
     say(stderr, "warning: --%s has no effect %s\n", option, why);
 }
 
-int option_word(const struct sg_option *option, int index, const char **word)
-{
-    const char *at = option->choices;
-    for (; index > 0 && *at; index--)
-        at += strcspn(at, "|") + (at[strcspn(at, "|")] == '|');
-    *word = at;
-    return (int) strcspn(at, "|");
-}
-
 json_t *number_json(double v)
 {
     return v - v == 0 ? json_real(v) : json_null();

@@ -96,9 +96,6 @@ json_t *text_json(const char *text);
 /* Warns of an option that was given and changes nothing. why: "with --save png". */
 void warn_unused(const char *option, const char *why);
 
-/* A word of an option with choices, by its index, for "%.*s": returns its length. */
-int option_word(const struct sg_option *option, int index, const char **word);
-
 /* For JSON: a number that is not finite becomes null. */
 json_t *number_json(double v);
 
