@@ -58,6 +58,7 @@ void plan_clear(struct plan *plan);
 
 /* Whether an option stands for so many times the Gaussians of the clean run: {clean}, {clean*X}. */
 bool plan_limit(const char *text, double *factor);
+bool options_limited(const json_t *options); /* whether a list has one */
 
 /* Options of "--name value" lists, of which the later win; a new array. */
 json_t *options_merge(const json_t *const *lists, int n);

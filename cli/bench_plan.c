@@ -22,6 +22,15 @@ bool plan_limit(const char *text, double *factor)
            *factor <= 1000;
 }
 
+bool options_limited(const json_t *options)
+{
+    double factor;
+    for (size_t i = 0; i < json_array_size(options); i++)
+        if (plan_limit(json_string_value(json_array_get(options, i)), &factor))
+            return true;
+    return false;
+}
+
 json_t *options_merge(const json_t *const *lists, int n)
 {
     json_t *merged = json_object(), *out = json_array();
@@ -280,15 +289,6 @@ static const json_t *train_options(const json_t *defense)
     return json_is_array(defense) ? defense : json_object_get(defense, "train");
 }
 
-static bool needs_clean(const json_t *options)
-{
-    double factor;
-    for (size_t i = 0; i < json_array_size(options); i++)
-        if (plan_limit(json_string_value(json_array_get(options, i)), &factor))
-            return true;
-    return false;
-}
-
 static int add_cell(struct reader *r, const struct cell *c)
 {
     const json_t *defense = plan_at(r->plan->root, DEFENSES, c->defense),
@@ -299,7 +299,7 @@ static int add_cell(struct reader *r, const struct cell *c)
     if (photos < 0)
         return -1;
     const json_t *own = prune ? prune : train_options(defense);
-    if (needs_clean(own)) {
+    if (options_limited(own)) {
         const struct cell clean = {c->scene, CLEAN, OFF, c->model, c->seed, 0};
         if ((needs[n++] = add_cell(r, &clean)) < 0)
             return -1;

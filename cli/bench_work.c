@@ -82,12 +82,7 @@ static int wait_some(struct scheduler *s)
 /* Of the clean run a limit needs its number only. */
 static bool needs_product(const struct job *j, int k)
 {
-    const json_t *options = json_object_get(j->config, "options");
-    double factor;
-    for (size_t i = 0; i < json_array_size(options) && k == j->n_needs - 1; i++)
-        if (plan_limit(json_string_value(json_array_get(options, i)), &factor))
-            return false;
-    return true;
+    return k != j->n_needs - 1 || !options_limited(json_object_get(j->config, "options"));
 }
 
 /* Results stay when the folders of their jobs are gone. These jobs run again where others need what
