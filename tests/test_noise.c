@@ -416,7 +416,7 @@ static void photos_that_disagree_are_smoothed(void **state)
 }
 
 /* Not where a tolerance helps: little is beyond, or the bound shows; nor tolerances that were
- * given. However weak the noise is. */
+ * given. That the noise is weak (3) is no reason. */
 static void others_are_not_smoothed(void **state)
 {
     (void) state;

@@ -274,7 +274,7 @@ struct sg_noise {
     /* Of the noise in grey levels. If a quarter of those compared show a bound: its 75th
      * percentile, but at least half of the median of `tolerances`. Else that of the earlier looks,
      * at the first one the 75th percentile over `photos`, and half of it again as far as that
-     * median allows, but as it is for smoothing. 0 = never measured. */
+     * median allows, or without that half where photos are smoothed. 0 = never measured. */
     double level;
     /* Where photos have `tolerances` of their own: the level until now, at the first look the
      * median of those above 0. Else 0. */
