@@ -109,16 +109,26 @@ static void add_eval(const struct scheduler *s, struct command_line *c, int inde
     json_decref(options);
 }
 
+/* Begins a command that writes a folder of its job's, or goes on with it. Returns whether the rest
+ * of the command is left to add. */
+static bool add_begin(const struct scheduler *s, struct command_line *c, int index,
+                      const char *command, int source, const char *folder)
+{
+    const bool saved = job_has_checkpoint(s, index);
+    add(c, "%s", command);
+    if (saved)
+        add(c, "--resume");
+    else
+        add_source(s, c, source), add(c, "-o");
+    add(c, "%s/%s", s->work[index].folder, folder);
+    return !saved;
+}
+
 static void add_train(const struct scheduler *s, struct command_line *c, int index)
 {
     const struct job *j = &s->b->plan->jobs[index];
-    add(c, "train");
-    if (file_exists(job_path(&s->work[index], "run/checkpoint.bin"))) {
-        add(c, "--resume"), add(c, "%s/run", s->work[index].folder);
+    if (!add_begin(s, c, index, "train", j->kind == JOB_PROXY ? j->needs[0] : j->needs[1], "run"))
         return;
-    }
-    add_source(s, c, j->kind == JOB_PROXY ? j->needs[0] : j->needs[1]);
-    add(c, "-o"), add(c, "%s/run", s->work[index].folder);
     add(c, "--seed"), add(c, "%d", j->seed);
     if (j->kind == JOB_TRAIN)
         add(c, "--eval");
@@ -128,13 +138,8 @@ static void add_train(const struct scheduler *s, struct command_line *c, int ind
 static void add_attack(const struct scheduler *s, struct command_line *c, int index)
 {
     const struct job *j = &s->b->plan->jobs[index];
-    add(c, "attack");
-    if (file_exists(job_path(&s->work[index], "scene/attack/checkpoint.bin"))) {
-        add(c, "--resume"), add(c, "%s/scene", s->work[index].folder);
+    if (!add_begin(s, c, index, "attack", j->needs[0], "scene"))
         return;
-    }
-    add_source(s, c, j->needs[0]);
-    add(c, "-o"), add(c, "%s/scene", s->work[index].folder);
     if (j->n_needs > 1)
         add(c, "--proxy"), add(c, "%s/run", s->work[j->needs[1]].folder);
     add_options(s, c, j, options_of(j));

@@ -45,6 +45,18 @@ const char *job_path(const struct work *w, const char *format, ...)
     return path;
 }
 
+/* Where a job saves its progress, until the next call of job_path. */
+static const char *checkpoint_path(const struct job *j, const struct work *w)
+{
+    return job_path(w,
+                    j->kind == JOB_POISON ? "scene/attack/checkpoint.bin" : "run/checkpoint.bin");
+}
+
+bool job_has_checkpoint(const struct scheduler *s, int index)
+{
+    return file_exists(checkpoint_path(&s->b->plan->jobs[index], &s->work[index]));
+}
+
 static json_t *load_json(const char *path)
 {
     return json_load_file(path, 0, NULL);
@@ -285,10 +297,8 @@ static int finish(struct scheduler *s, int index, const char *status)
         return code;
     w->state = done ? DONE : FAILED;
     s->done += w->state == DONE, s->failed += w->state == FAILED;
-    if (w->state == DONE && !s->b->keep) {
-        remove(job_path(w, "run/checkpoint.bin"));
-        remove(job_path(w, "scene/attack/checkpoint.bin"));
-    }
+    if (w->state == DONE && !s->b->keep)
+        remove(checkpoint_path(j, w));
     job_let_go(w);
     if (!s->b->quiet || w->state == FAILED)
         say(stderr, "%-7s %-6s %s %s %s seed %d, %.1f s%s%s\n", status, job_kinds[j->kind],
@@ -349,9 +359,7 @@ int job_begin(struct scheduler *s, int index)
     const struct job *j = &s->b->plan->jobs[index];
     time_t t = time(NULL);
     struct tm utc;
-    const bool saved = file_exists(job_path(w, "run/checkpoint.bin")) ||
-                       file_exists(job_path(w, "scene/attack/checkpoint.bin"));
-    const bool goes_on = saved && !file_exists(job_path(w, STUCK));
+    const bool goes_on = job_has_checkpoint(s, index) && !file_exists(job_path(w, STUCK));
     if (!goes_on && !phase_is_done(j, w))
         remove_folder(w->folder);
     if (mkdir(w->folder, 0777) && errno != EEXIST) {

@@ -54,6 +54,8 @@ void command_clear(struct command_line *c);
 __attribute__((format(printf, 2, 3))) const char *job_path(const struct work *w, const char *format,
                                                            ...);
 bool file_exists(const char *path);
+/* Whether a stopped job has saved its progress. */
+bool job_has_checkpoint(const struct scheduler *s, int index);
 
 /* The lock of a job's folder, beside it, which is kept until the job ends. HELD: by a process of an
  * earlier bench, which was killed and still saves what it has. */
