@@ -247,18 +247,13 @@ static int refuse_longer(const struct render_config *c)
     return longer ? STATUS_INPUT : 0;
 }
 
-static int run_render(const void *config, const bool *given, const char *const *positional,
-                      int count)
+/* What options need or exclude of each other. */
+static int check_options(const struct render_config *c, const bool *given)
 {
-    (void) count;
-    struct render_config copy = *(const struct render_config *) config, *c = &copy;
-    struct model_views v;
-    sg_output *output = NULL;
     if (!c->output) {
         say(stderr, "splatguard render: missing -o DIR\n");
         return STATUS_USAGE;
     }
-    interrupt_catch();
     if (c->path && c->photo) {
         say(stderr, "splatguard render: --photo: found --path too, whose frames have no photos\n");
         return STATUS_USAGE;
@@ -280,8 +275,49 @@ static int run_render(const void *config, const bool *given, const char *const *
             "splatguard render: --frames: found no --path, expected ellipse or interpolate\n");
         return STATUS_USAGE;
     }
+    return 0;
+}
+
+static int render_views(const struct render_config *c, struct model_views *v)
+{
+    size_t pixels = 0;
+    for (size_t i = 0; i < v->n; i++) {
+        const size_t n = (size_t) v->views[i].camera.width * (size_t) v->views[i].camera.height;
+        pixels = n > pixels ? n : pixels;
+    }
+    struct buffers b = {.rgb = sg_mem_alloc(v->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float)),
+                        .bytes = sg_mem_alloc(v->ctx, SG_MEM_FRAME, pixels, 3)};
+    if (c->depth) {
+        b.alpha = sg_mem_alloc(v->ctx, SG_MEM_FRAME, pixels, sizeof(float));
+        b.depth = sg_mem_alloc(v->ctx, SG_MEM_FRAME, pixels, sizeof(float));
+    }
+    int error = b.rgb && b.bytes && (!c->depth || (b.alpha && b.depth)) ? SG_OK : SG_ERR_BUDGET;
+    for (size_t i = 0; i < v->n && !error; i++)
+        error = interrupted() ? SG_ERR_INTERRUPTED : render_view(c, v, &v->views[i], &b);
+    const int code = error ? report(v->ctx, error) : 0;
+    if (!code && !c->m.quiet)
+        say(stderr, "%zu %s%s rendered to %s\n", v->n, c->path ? "frame" : "view",
+            v->n == 1 ? "" : "s", c->output);
+    sg_mem_free(b.rgb);
+    sg_mem_free(b.bytes);
+    sg_mem_free(b.alpha);
+    sg_mem_free(b.depth);
+    return code;
+}
+
+static int run_render(const void *config, const bool *given, const char *const *positional,
+                      int count)
+{
+    (void) count;
+    struct render_config copy = *(const struct render_config *) config, *c = &copy;
+    struct model_views v;
     struct flight flight = {0};
-    int code = model_views_find(&v, positional[0], &command_render, given, c, &c->m);
+    sg_output *output = NULL;
+    int code = check_options(c, given);
+    if (code)
+        return code;
+    interrupt_catch();
+    code = model_views_find(&v, positional[0], &command_render, given, c, &c->m);
     const char *from = c->m.cameras ? c->m.cameras : c->m.scene_path;
     if (!code)
         code = report(v.ctx, sg_output_claim(v.ctx, c->output, "render", true,
@@ -300,30 +336,8 @@ static int run_render(const void *config, const bool *given, const char *const *
         code = refuse_twins(c, &v);
     if (!code)
         code = refuse_others(c, &v);
-    if (!code) {
-        size_t pixels = 0;
-        for (size_t i = 0; i < v.n; i++) {
-            const size_t n = (size_t) v.views[i].camera.width * (size_t) v.views[i].camera.height;
-            pixels = n > pixels ? n : pixels;
-        }
-        struct buffers b = {.rgb = sg_mem_alloc(v.ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float)),
-                            .bytes = sg_mem_alloc(v.ctx, SG_MEM_FRAME, pixels, 3)};
-        if (c->depth) {
-            b.alpha = sg_mem_alloc(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
-            b.depth = sg_mem_alloc(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
-        }
-        int error = b.rgb && b.bytes && (!c->depth || (b.alpha && b.depth)) ? SG_OK : SG_ERR_BUDGET;
-        for (size_t i = 0; i < v.n && !error; i++)
-            error = interrupted() ? SG_ERR_INTERRUPTED : render_view(c, &v, &v.views[i], &b);
-        code = error ? report(v.ctx, error) : 0;
-        if (!code && !c->m.quiet)
-            say(stderr, "%zu %s%s rendered to %s\n", v.n, c->path ? "frame" : "view",
-                v.n == 1 ? "" : "s", c->output);
-        sg_mem_free(b.rgb);
-        sg_mem_free(b.bytes);
-        sg_mem_free(b.alpha);
-        sg_mem_free(b.depth);
-    }
+    if (!code)
+        code = render_views(c, &v);
     free(flight.frames);
     free(flight.names);
     sg_output_release(&output);
