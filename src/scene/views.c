@@ -262,13 +262,68 @@ static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view, int w,
     return code;
 }
 
+/* The photo as RGB. What of the image need not change is taken over. */
+static int take_pixels(sg_ctx *ctx, const struct sg_scene_params *params,
+                       const struct sg_shot *shot, struct sg_image *image, struct sg_view *view)
+{
+    view->file_width = image->width;
+    view->file_height = image->height;
+    view->lossless = image->lossless;
+    if (image->channels == 3) {
+        view->rgb = image->pixels;
+        image->pixels = NULL;
+    } else {
+        view->rgb =
+            sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) image->width * (size_t) image->height, 3);
+        if (!view->rgb)
+            return SG_ERR_BUDGET;
+        sg_image_flatten(image,
+                         shot->drop_alpha           ? SG_ALPHA_DROP
+                         : params->white_background ? SG_ALPHA_ON_WHITE
+                                                    : SG_ALPHA_ON_BLACK,
+                         view->rgb);
+    }
+    return SG_OK;
+}
+
+/* Makes photo and mask the camera's. */
+static int fit_to_camera(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_lens *lens,
+                         struct sg_view *view)
+{
+    const int width = view->file_width, height = view->file_height;
+    const int w = view->camera.width, h = view->camera.height;
+    uint8_t *valid = NULL; /* 255: pixels that the photo shows, once it is undistorted */
+    int code = SG_OK;
+    view->undistorted = sg_lens_is_distorted(lens);
+    if (view->undistorted)
+        code = undistort_view(ctx, shot, lens, view, &valid);
+    if (!code)
+        code = resize(ctx, &view->rgb, width, height, 3, w, h);
+    if (!code)
+        code = resize(ctx, &view->mask, width, height, 1, w, h);
+    if (!code)
+        code = resize(ctx, &valid, width, height, 1, w, h);
+    const size_t n = code ? 0 : (size_t) w * (size_t) h;
+    for (size_t i = 0; i < n && view->mask; i++)
+        view->mask[i] = view->mask[i] > 127 ? 255 : 0;
+    /* A pixel that is partly outside the photo would be a wrong target. */
+    for (size_t i = 0; i < n && valid; i++)
+        valid[i] = valid[i] == 255 && (!view->mask || view->mask[i]) ? 255 : 0;
+    if (code || !valid) {
+        sg_free(valid);
+    } else {
+        sg_free(view->mask);
+        view->mask = valid;
+    }
+    return code;
+}
+
 int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
                  struct sg_view *view, bool *broken)
 {
     const struct sg_scene_params *params = &files->params;
     struct sg_image image = {0};
     struct sg_lens lens;
-    uint8_t *valid = NULL;
     view->name = sg_strdup(ctx, shot->name);
     view->file = sg_strdup(ctx, shot->file);
     view->path = sg_strdup(ctx, shot->path);
@@ -277,64 +332,22 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
     int code = read_image(ctx, files, shot->path, &image, broken);
     if (code)
         return code;
-    const int width = image.width, height = image.height;
-    const size_t pixels = (size_t) width * (size_t) height;
-    view->file_width = width;
-    view->file_height = height;
-    view->lossless = image.lossless;
-    if (image.channels == 3) { /* nothing to change: takes over the pixels */
-        view->rgb = image.pixels;
-        image.pixels = NULL;
-    } else {
-        view->rgb = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 3);
-        if (!view->rgb) {
-            code = SG_ERR_BUDGET;
-            goto done;
-        }
-        sg_image_flatten(&image,
-                         shot->drop_alpha           ? SG_ALPHA_DROP
-                         : params->white_background ? SG_ALPHA_ON_WHITE
-                                                    : SG_ALPHA_ON_BLACK,
-                         view->rgb);
-    }
+    code = take_pixels(ctx, params, shot, &image, view);
     sg_image_clear(&image);
-    code = place(ctx, params, shot, width, height, &lens, &view->camera);
+    const int width = view->file_width, height = view->file_height;
+    if (!code)
+        code = place(ctx, params, shot, width, height, &lens, &view->camera);
     if (!code && shot->mask)
         code = load_mask(ctx, files, shot, width, height, &view->mask, broken);
-    if (code)
-        goto done;
+    if (!code)
+        code = fit_to_camera(ctx, shot, &lens, view);
     const int w = view->camera.width, h = view->camera.height;
-    view->undistorted = sg_lens_is_distorted(&lens);
-    if (view->undistorted)
-        code = undistort_view(ctx, shot, &lens, view, &valid);
     if (!code)
-        code = resize(ctx, &view->rgb, width, height, 3, w, h);
+        code = mask_half(ctx, shot->half, view, w, h);
+    if (!code && params->smooth && shot->split != SG_SPLIT_TEST)
+        code = smooth(ctx, params->smooth, view, w, h);
     if (!code)
-        code = resize(ctx, &view->mask, width, height, 1, w, h);
-    if (!code)
-        code = resize(ctx, &valid, width, height, 1, w, h);
-    if (code)
-        goto done;
-    size_t n = (size_t) w * (size_t) h;
-    for (size_t i = 0; i < n && view->mask; i++)
-        view->mask[i] = view->mask[i] > 127 ? 255 : 0;
-    for (size_t i = 0; i < n && valid;
-         i++) /* a pixel that is partly outside the photo would be a wrong target */
-        valid[i] = valid[i] == 255 && (!view->mask || view->mask[i]) ? 255 : 0;
-    if (valid) {
-        sg_free(view->mask);
-        view->mask = valid;
-        valid = NULL;
-    }
-    if ((code = mask_half(ctx, shot->half, view, w, h)))
-        goto done;
-    if (params->smooth && shot->split != SG_SPLIT_TEST &&
-        (code = smooth(ctx, params->smooth, view, w, h)))
-        goto done;
-    view->hash = sg_view_hash(view);
-done:
-    sg_image_clear(&image);
-    sg_free(valid);
+        view->hash = sg_view_hash(view);
     return code;
 }
 
