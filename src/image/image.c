@@ -202,56 +202,34 @@ static int jpeg_failed(sg_ctx *ctx, const char *name, const char *what, tjhandle
     return sg_fail(ctx, no_memory ? SG_ERR_BUDGET : SG_ERR_INPUT, "%s: %s: %s", name, what, why);
 }
 
-static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size,
-                       uint64_t max_pixels, struct sg_image *out)
+/* Whether the header, as far as it was read, is that of a picture which can be decoded. */
+static int check_jpeg_header(sg_ctx *ctx, const char *name, int width, int height, int space)
 {
-    int code = SG_OK, width = 0, height = 0, subsampling = -1, space = -1;
-    uint8_t *stripped = NULL;
-    void *room = NULL;
-    tjhandle jpeg = tjInitDecompress();
-    if (!jpeg)
-        return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG decoder", name);
-    if (tjDecompressHeader3(jpeg, data, size, &width, &height, &subsampling, &space) &&
-        tjGetErrorCode(jpeg) == TJERR_FATAL) {
-        code = jpeg_failed(ctx, name, "JPEG header", jpeg);
-        goto done;
-    }
-    if (space < 0 || width < 1 || height < 1) { /* a file of tables only is also read as a header */
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found no picture", name);
-        goto done;
-    }
-    if (space != TJCS_RGB && space != TJCS_YCbCr && space != TJCS_GRAY) {
-        code = sg_fail(ctx, SG_ERR_INPUT,
+    if (space < 0 || width < 1 || height < 1) /* a file of tables only is also read as a header */
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found no picture", name);
+    if (space != TJCS_RGB && space != TJCS_YCbCr && space != TJCS_GRAY)
+        return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: JPEG header: found CMYK colours, expected RGB or grey", name);
-        goto done;
-    }
-    const bool grey = space == TJCS_GRAY;
-    const struct outline outline = outline_of(data, size);
-    if (outline.scans > SCANS_MAX) { /* decoding could take minutes */
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG: found more than %d scans, expected at most %d",
-                       name, SCANS_MAX, SCANS_MAX);
-        goto done;
-    }
-    code = allocate(ctx, name, (uint64_t) width, (uint64_t) height, grey ? 1 : 3, max_pixels, out);
-    if (!code && outline.whole)
-        code = sg_reserve(ctx, SG_MEM_IMAGES, in_blocks(width) * in_blocks(height) * (grey ? 2 : 6),
-                          &room);
-    if (code)
-        goto done;
-    /* A warning of the decoder means damaged or missing pixels, with one exception. */
-    const int format = grey ? TJPF_GRAY : TJPF_RGB;
+    return SG_OK;
+}
+
+/* A warning of the decoder means damaged or missing pixels, with one exception: some cameras put
+ * zeros before the end marker. None belongs to the pixels, mostly; otherwise bisection finds how
+ * many. Scans of the whole picture are not decoded that often. */
+static int decode_jpeg_data(sg_ctx *ctx, const char *name, tjhandle jpeg, const uint8_t *data,
+                            size_t size, const struct outline *outline, struct sg_image *out)
+{
+    const int width = out->width, height = out->height;
+    const int format = out->channels == 1 ? TJPF_GRAY : TJPF_RGB;
     const int flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS | TJFLAG_STOPONWARNING;
     int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
-    /* Some cameras put zeros before the end marker. None belongs to the pixels, mostly; otherwise
-     * bisection finds how many. Scans of the whole picture are not decoded that often. */
-    size_t least = outline.end, most = outline.end;
-    while (least && !((const uint8_t *) data)[least - 1])
+    size_t least = outline->end, most = outline->end;
+    while (least && !data[least - 1])
         least--;
-    if (failed && least < most && !(stripped = sg_alloc_raw(ctx, SG_MEM_MISC, most + 2, 1))) {
-        code = SG_ERR_BUDGET;
-        goto done;
-    }
-    const int cuts = outline.whole ? 1 : ZERO_CUTS;
+    uint8_t *stripped = NULL;
+    if (failed && least < most && !(stripped = sg_alloc_raw(ctx, SG_MEM_MISC, most + 2, 1)))
+        return SG_ERR_BUDGET;
+    const int cuts = outline->whole ? 1 : ZERO_CUTS;
     for (int cut = 0; cut < cuts && failed && least < most && tjGetErrorCode(jpeg) == TJERR_WARNING;
          cut++) {
         const size_t end = cut ? least + (most - least) / 2 : least;
@@ -264,10 +242,35 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         else
             least = end + 1;
     }
-    if (failed)
-        code = jpeg_failed(ctx, name, "JPEG data", jpeg);
-done:
     sg_free(stripped);
+    return failed ? jpeg_failed(ctx, name, "JPEG data", jpeg) : SG_OK;
+}
+
+static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size,
+                       uint64_t max_pixels, struct sg_image *out)
+{
+    int code = SG_OK, width = 0, height = 0, subsampling = -1, space = -1;
+    void *room = NULL;
+    tjhandle jpeg = tjInitDecompress();
+    if (!jpeg)
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG decoder", name);
+    if (tjDecompressHeader3(jpeg, data, size, &width, &height, &subsampling, &space) &&
+        tjGetErrorCode(jpeg) == TJERR_FATAL)
+        code = jpeg_failed(ctx, name, "JPEG header", jpeg);
+    if (!code)
+        code = check_jpeg_header(ctx, name, width, height, space);
+    const struct outline outline = code ? (struct outline){0} : outline_of(data, size);
+    if (outline.scans > SCANS_MAX) /* decoding could take minutes */
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG: found more than %d scans, expected at most %d",
+                       name, SCANS_MAX, SCANS_MAX);
+    const int channels = space == TJCS_GRAY ? 1 : 3;
+    if (!code)
+        code = allocate(ctx, name, (uint64_t) width, (uint64_t) height, channels, max_pixels, out);
+    if (!code && outline.whole)
+        code = sg_reserve(ctx, SG_MEM_IMAGES,
+                          in_blocks(width) * in_blocks(height) * 2 * (uint64_t) channels, &room);
+    if (!code)
+        code = decode_jpeg_data(ctx, name, jpeg, data, size, &outline, out);
     sg_free(room);
     tjDestroy(jpeg);
     return code;
