@@ -104,11 +104,90 @@ static float quantile(float *values, const float *gradient, size_t n, float leas
                     (at - (double) k) * ((double) sorted[next] - (double) sorted[k]));
 }
 
+static bool dies(const struct sg_densify_params *p, float opacity, float scale)
+{
+    return opacity < SG_PRUNE_OPACITY || (p->prune_scale > 0 && scale > p->prune_scale);
+}
+
+/* Marks who grows; returns how many: each adds one Gaussian, whether it is cloned or split. */
+static size_t mark_growth(const struct sg_densify_params *p, const struct sg_statistics *s,
+                          size_t n, struct plan *plan)
+{
+    const float steep = p->absolute ? quantile(s->absolute, s->gradient, n, p->gradient) : INFINITY;
+    size_t wish = 0;
+    for (size_t i = 0; i < n; i++) {
+        const bool grows =
+            s->gradient[i] >= p->gradient || (p->absolute && s->absolute[i] >= steep);
+        plan->keep[i] = !grows ? STAYS : s->largest[i] <= p->split_scale ? CLONES : SPLITS;
+        wish += grows;
+    }
+    return wish;
+}
+
+/* Keeps growth below the limit; `paused` stops it. */
+static int limit_growth(struct sg_engine *engine, const struct sg_densify_params *p,
+                        const struct sg_statistics *s, size_t n, size_t wish, bool paused,
+                        struct plan *plan, struct sg_densify_result *result)
+{
+    if (paused) {
+        memset(plan->keep, STAYS, n);
+        result->limited = wish;
+        return SG_OK;
+    }
+    if (p->overshoot || !p->max_gaussians || n + wish <= p->max_gaussians)
+        return SG_OK;
+    const int code = make_room(engine, p, plan, n, wish, &result->replaced);
+    return code ? code
+                : choose_growth(engine, plan, s->gradient, n,
+                                p->max_gaussians - (n - result->replaced), &result->limited);
+}
+
+/* Clones, then children. A Gaussian and its copies share opacity, so that they are pruned together;
+ * children are smaller. */
+static void append_growth(const struct sg_densify_params *p, const struct sg_statistics *s,
+                          size_t n, struct plan *plan, struct sg_densify_result *result)
+{
+    for (size_t i = 0; i < n; i++)
+        if (plan->keep[i] == CLONES) {
+            result->cloned++;
+            if (dies(p, s->opacity[i], s->largest[i]))
+                result->pruned++;
+            else
+                append(plan, i, SG_EDIT_COPY);
+        }
+    for (int child = 0; child < SG_SPLIT_CHILDREN; child++)
+        for (size_t i = 0; i < n; i++)
+            if (plan->keep[i] == SPLITS) {
+                result->split += child == 0;
+                if (dies(p, s->opacity[i], s->largest[i] / SG_SPLIT_SHRINK))
+                    result->pruned++;
+                else
+                    append(plan, i, SG_EDIT_CHILD);
+            }
+}
+
+/* Turns plan->keep into what stays, without those that were split; returns how many. */
+static size_t mark_kept(const struct sg_densify_params *p, const struct sg_statistics *s, size_t n,
+                        bool paused, struct plan *plan, struct sg_densify_result *result)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < n; i++) {
+        const bool parent = plan->keep[i] == SPLITS,
+                   goes = plan->keep[i] == GOES || dies(p, s->opacity[i], s->largest[i]) ||
+                          (paused && p->prune_scale > 0 && s->radius[i] > SG_PRUNE_RADIUS);
+        result->pruned += !parent && goes;
+        plan->keep[i] = !parent && !goes;
+        kept += plan->keep[i];
+    }
+    return kept;
+}
+
 int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
                struct sg_densify_result *result)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
     const size_t n = sg_engine_count(engine);
+    const bool paused = p->overshoot && p->max_gaussians && n >= p->max_gaussians;
     int code = SG_ERR_BUDGET;
     struct plan plan = {0};
     *result = (struct sg_densify_result){0};
@@ -119,65 +198,19 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
     plan.source = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, SG_SPLIT_CHILDREN * sizeof(uint32_t));
     if (!stats || (p->overshoot && !radius) || !plan.keep || !plan.kind || !plan.source)
         goto done;
-    float *gradient = stats, *opacity = stats + n, *scale = stats + 2 * n,
-          *absolute = stats + 3 * n;
-    if ((code = sg_engine_read_statistics(
-             engine, &(struct sg_statistics){.gradient = gradient,
-                                             .opacity = opacity,
-                                             .largest = scale,
-                                             .radius = radius,
-                                             .absolute = p->absolute ? absolute : NULL})))
+    const struct sg_statistics s = {.gradient = stats,
+                                    .opacity = stats + n,
+                                    .largest = stats + 2 * n,
+                                    .radius = radius,
+                                    .absolute = p->absolute ? stats + 3 * n : NULL};
+    if ((code = sg_engine_read_statistics(engine, &s)))
         goto done;
-    const float steep = p->absolute ? quantile(absolute, gradient, n, p->gradient) : INFINITY;
 
-    /* Who grows: one more of each, whether it is cloned or split. */
-    size_t wish = 0;
-    for (size_t i = 0; i < n; i++) {
-        const bool grows = gradient[i] >= p->gradient || (p->absolute && absolute[i] >= steep);
-        plan.keep[i] = grows ? scale[i] <= p->split_scale ? CLONES : SPLITS : STAYS;
-        wish += plan.keep[i] != STAYS;
-    }
-    const bool paused = p->overshoot && p->max_gaussians && n >= p->max_gaussians;
-    for (size_t i = 0; i < n && paused; i++)
-        plan.keep[i] = STAYS;
-    result->limited = paused && wish;
-    if (!p->overshoot && p->max_gaussians && n + wish > p->max_gaussians) {
-        if ((code = make_room(engine, p, &plan, n, wish, &result->replaced)))
-            goto done;
-        const size_t room = p->max_gaussians - (n - result->replaced);
-        if ((code = choose_growth(engine, &plan, gradient, n, room, &result->limited)))
-            goto done;
-    }
-    /* A Gaussian and its copies share opacity, so that they are pruned together; children are
-     * smaller. */
-#define DIES(i, s) (opacity[i] < SG_PRUNE_OPACITY || (p->prune_scale > 0 && (s) > p->prune_scale))
-    for (size_t i = 0; i < n; i++)
-        if (plan.keep[i] == CLONES) {
-            result->cloned++;
-            if (DIES(i, scale[i]))
-                result->pruned++;
-            else
-                append(&plan, i, SG_EDIT_COPY);
-        }
-    for (int child = 0; child < SG_SPLIT_CHILDREN; child++)
-        for (size_t i = 0; i < n; i++)
-            if (plan.keep[i] == SPLITS) {
-                result->split += child == 0;
-                if (DIES(i, scale[i] / SG_SPLIT_SHRINK))
-                    result->pruned++;
-                else
-                    append(&plan, i, SG_EDIT_CHILD);
-            }
-    size_t kept = 0;
-    for (size_t i = 0; i < n; i++) {
-        const bool parent = plan.keep[i] == SPLITS,
-                   dies = plan.keep[i] == GOES || DIES(i, scale[i]) ||
-                          (paused && p->prune_scale > 0 && radius[i] > SG_PRUNE_RADIUS);
-        result->pruned += !parent && dies;
-        plan.keep[i] = !parent && !dies;
-        kept += plan.keep[i];
-    }
-#undef DIES
+    const size_t wish = mark_growth(p, &s, n, &plan);
+    if ((code = limit_growth(engine, p, &s, n, wish, paused, &plan, result)))
+        goto done;
+    append_growth(p, &s, n, &plan, result);
+    const size_t kept = mark_kept(p, &s, n, paused, &plan, result);
     if (kept + plan.appended == 0) {
         code = sg_fail(ctx, SG_ERR_INPUT,
                        "train: every Gaussian became transparent: the scene cannot be fitted");
