@@ -158,6 +158,54 @@ static int open_engine(sg_trainer *t, const struct sg_trainer_start *start)
     return open_engine(t, start);
 }
 
+/* The degree of SH that is learnt and the one that is stored. saved: what start->checkpoint has. */
+static void set_degrees(sg_trainer *t, const struct sg_trainer_start *start,
+                        const struct sg_checkpoint *saved)
+{
+    struct sg_train_params *p = &t->params;
+    const int most = start->checkpoint      ? saved->header.sh_degree
+                     : start->initial       ? start->initial->sh_degree
+                     : t->strategy->initial ? 0 /* of what is made */
+                                            : p->sh_degree;
+    p->sh_degree = p->sh_degree < most ? p->sh_degree : most;
+    /* A new run stores no coefficients that it does not learn: others would draw them. */
+    t->sh_degree = start->checkpoint ? most : p->sh_degree;
+}
+
+/* Makes the first model, or restores that of the checkpoint. */
+static int begin(sg_trainer *t, const struct sg_trainer_start *start, struct sg_checkpoint *saved)
+{
+    int code =
+        start->checkpoint ? sg_checkpoint_read(t, saved) : sg_trainer_init_model(t, start->initial);
+    if (!code && t->exposures)
+        code = sg_engine_set_exposures(t->engine, t->exposures, t->scene->n_train);
+    if (code || start->checkpoint)
+        return code;
+    if (t->strategy->begin)
+        code = t->strategy->begin(t);
+    return code ? code : sg_trainer_renew_filter(t);
+}
+
+/* Hands the engine the photos that stay in memory. The others are read when they are used. */
+static int hold_photos(sg_trainer *t)
+{
+    const struct sg_scene *scene = t->scene;
+    int code = SG_OK;
+    t->order = sg_alloc(t->ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
+    t->photos = sg_alloc(t->ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->photos));
+    t->smoothed = sg_alloc(t->ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->smoothed));
+    if (!t->order || !t->photos || !t->smoothed)
+        return SG_ERR_BUDGET;
+    if (t->budget.read_ahead) {
+        sg_lazy_photos_start_reader(scene->lazy);
+        t->reads_ahead = true;
+    }
+    for (size_t i = 0; i < scene->n_train && !code; i++)
+        if (t->budget.photos_stay || !scene->train[i].lazy)
+            code = sg_trainer_hold_photo(t, i, true);
+    return code;
+}
+
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out)
 {
@@ -175,7 +223,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     t->epoch = UINT64_MAX;
     int code = check_scene(ctx, &t->params, scene);
     if (code)
-        goto fail;
+        goto done;
     t->strategy = start->strategy ? start->strategy : strategy_of(&t->params);
     t->photos_hash = sg_photos_hash(scene);
     t->beyond = 1;
@@ -185,48 +233,19 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     t->started = t->params.clock(t->params.clock_arg);
     t->spent = t->params.seconds_before;
     if (start->checkpoint && (code = sg_checkpoint_open(t, start->checkpoint, &saved)))
-        goto fail;
-    const int most = start->checkpoint      ? saved.header.sh_degree
-                     : start->initial       ? start->initial->sh_degree
-                     : t->strategy->initial ? 0 /* of what is made */
-                                            : t->params.sh_degree;
-    t->params.sh_degree = t->params.sh_degree < most ? t->params.sh_degree : most;
-    /* A new run stores no coefficients that it does not learn: others would draw them. */
-    t->sh_degree = start->checkpoint ? most : t->params.sh_degree;
+        goto done;
+    set_degrees(t, start, &saved);
     if ((code = open_engine(t, start)) || (code = alloc_state(t)) ||
         (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
-        (code = set_model(t)) ||
-        (code = start->checkpoint ? sg_checkpoint_read(t, &saved)
-                                  : sg_trainer_init_model(t, start->initial)))
-        goto fail;
-    if (t->exposures && (code = sg_engine_set_exposures(t->engine, t->exposures, scene->n_train)))
-        goto fail;
-    if (!start->checkpoint && ((t->strategy->begin && (code = t->strategy->begin(t))) ||
-                               (code = sg_trainer_renew_filter(t))))
-        goto fail;
-    t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
-    t->photos = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->photos));
-    t->smoothed = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->smoothed));
-    if (!t->order || !t->photos || !t->smoothed) {
-        code = SG_ERR_BUDGET;
-        goto fail;
-    }
-    if (t->budget.read_ahead) {
-        sg_lazy_photos_start_reader(scene->lazy);
-        t->reads_ahead = true;
-    }
+        (code = set_model(t)) || (code = begin(t, start, &saved)) || (code = hold_photos(t)))
+        goto done;
     if (t->smooths)
         t->settles_from = INT_MAX;
-    for (size_t i = 0; i < scene->n_train; i++)
-        if ((t->budget.photos_stay || !scene->train[i].lazy) &&
-            (code = sg_trainer_hold_photo(t, i, true)))
-            goto fail;
+done:
     sg_checkpoint_close(&saved);
+    if (code)
+        sg_trainer_destroy(&t);
     *out = t;
-    return SG_OK;
-fail:
-    sg_checkpoint_close(&saved);
-    sg_trainer_destroy(&t);
     return code;
 }
 
