@@ -351,17 +351,21 @@ int sg_run_train(sg_run *r)
     return code;
 }
 
-/* Whether the run's summary is that of its end. */
-static bool is_summed_up(sg_run *r, int iteration)
+/* Reads the summary of the processes before, if there is one that can be read: it is written anew.
+ */
+static void read_earlier(sg_run *r)
 {
-    json_t *s = NULL;
     if (sg_run_has(r->ctx, r->params.folder, "summary.json"))
-        sg_run_read_json(r->ctx, r->params.folder, "summary.json", "summary.json of a run", &s);
-    sg_clear_error(r->ctx); /* an unreadable one is written anew */
-    const bool whole = json_integer_value(json_object_get(s, "iterations")) == iteration &&
-                       json_is_false(json_object_get(s, "interrupted"));
-    json_decref(s);
-    return whole;
+        sg_run_read_json(r->ctx, r->params.folder, "summary.json", "summary.json of a run",
+                         &r->earlier);
+    sg_clear_error(r->ctx);
+}
+
+/* Whether the run's summary is that of its end. */
+static bool is_summed_up(const sg_run *r, int iteration)
+{
+    return json_integer_value(json_object_get(r->earlier, "iterations")) == iteration &&
+           json_is_false(json_object_get(r->earlier, "interrupted"));
 }
 
 /* From the checkpoint. */
@@ -389,6 +393,7 @@ static int restore(sg_run *r)
             "the run was made with %s and continues with %s: results can differ in the last digits",
             variant, now);
     if (!code) {
+        read_earlier(r);
         /* a model comes before its checkpoint */
         r->saved = r->checkpoint = sg_trainer_iteration(r->trainer);
         /* a tighter limit would only thin it out */
@@ -548,6 +553,7 @@ void sg_run_close(sg_run **run)
     sg_free(r->view_weights);
     sg_free(r->tolerances);
     sg_free(r->write_message);
+    json_decref(r->earlier);
     sg_free(r);
     *run = NULL;
 }

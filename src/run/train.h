@@ -25,6 +25,7 @@ struct sg_run {
     sg_trainer *trainer;
     struct sg_run_log log;
     struct run_totals totals;
+    json_t *earlier;   /* summary.json of the processes before this one, or NULL */
     const char *audit; /* the verdict, or NULL */
     double audit_score;
     float *view_weights, *tolerances;    /* of each training view, from the audit, or NULL */

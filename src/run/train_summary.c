@@ -13,12 +13,21 @@ static json_t *machine(void)
     return sg_text_to_json(name);
 }
 
-static json_t *ledger(const sg_ctx *ctx, uint64_t (*peak)(const sg_ctx *, enum sg_mem_tag))
+/* The larger of a peak of this process and that of the processes before it. */
+static json_t *peak_json(uint64_t here, const json_t *earlier, const char *key)
+{
+    const json_int_t before = json_integer_value(json_object_get(earlier, key));
+    return json_integer(before > (json_int_t) here ? before : (json_int_t) here);
+}
+
+static json_t *ledger(const sg_ctx *ctx, uint64_t (*peak)(const sg_ctx *, enum sg_mem_tag),
+                      const json_t *earlier)
 {
     json_t *tags = json_object();
-    for (int tag = 0; tag < SG_MEM_TAGS; tag++)
-        json_object_set_new(tags, sg_mem_tag_name((enum sg_mem_tag) tag),
-                            json_integer((json_int_t) peak(ctx, (enum sg_mem_tag) tag)));
+    for (int tag = 0; tag < SG_MEM_TAGS; tag++) {
+        const char *name = sg_mem_tag_name((enum sg_mem_tag) tag);
+        json_object_set_new(tags, name, peak_json(peak(ctx, (enum sg_mem_tag) tag), earlier, name));
+    }
     return tags;
 }
 
@@ -113,13 +122,18 @@ int sg_run_write_summary(sg_run *r)
     PUT("cpu_seconds", sg_number_json(t->cpu_seconds));
     PUT("iterations_per_second",
         sg_number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));
-    COUNT("peak_rss_bytes", (uint64_t) usage.ru_maxrss * 1024);
-    COUNT("peak_ledger_bytes", sg_mem_peak(r->ctx, SG_MEM_TAGS));
-    PUT("peak_ledger_bytes_by_tag", ledger(r->ctx, sg_mem_peak));
-    if (sg_vram_peak(r->ctx, SG_MEM_TAGS)) {
-        COUNT("peak_vram_bytes", sg_vram_peak(r->ctx, SG_MEM_TAGS));
-        PUT("peak_vram_bytes_by_tag", ledger(r->ctx, sg_vram_peak));
+    const json_t *earlier = r->earlier;
+#define PEAK(key, value) PUT(key, peak_json(value, earlier, key))
+#define PEAKS(key, peak) PUT(key, ledger(r->ctx, peak, json_object_get(earlier, key)))
+    PEAK("peak_rss_bytes", (uint64_t) usage.ru_maxrss * 1024);
+    PEAK("peak_ledger_bytes", sg_mem_peak(r->ctx, SG_MEM_TAGS));
+    PEAKS("peak_ledger_bytes_by_tag", sg_mem_peak);
+    if (sg_vram_peak(r->ctx, SG_MEM_TAGS) || json_object_get(earlier, "peak_vram_bytes")) {
+        PEAK("peak_vram_bytes", sg_vram_peak(r->ctx, SG_MEM_TAGS));
+        PEAKS("peak_vram_bytes_by_tag", sg_vram_peak);
     }
+#undef PEAKS
+#undef PEAK
     PUT("stage_seconds", stages(r->trainer));
     PUT("variant", json_string(sg_trainer_variant(r->trainer)));
     PUT("machine", machine());
