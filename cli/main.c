@@ -90,8 +90,9 @@ static void man_command(const struct command *c)
 static void markdown(void)
 {
     printf("# Options\n\nMade by `splatguard help --markdown`; a test keeps it up to date. Names "
-           "may be written with underscores as in the reference (`--densify_grad_threshold`), "
-           "values as `--name value` or `--name=value`. No option may be given twice. `--help` "
+           "may be written with underscores as in the reference, the program of Kerbl et al. 2023 "
+           "(`--densify_grad_threshold`), values as `--name value` or `--name=value`. No option "
+           "may be given twice. `--help` "
            "leaves out the options with a star, "
            "`--help-all` lists them too.\n\nSizes: "
            "`1500M`, `1.5G`, `2GiB`, `500MB`; K, M, G, T and KiB, MiB, GiB, TiB are powers of "

@@ -38,8 +38,9 @@
     SG_ANCHOR_FLOAT("anchor-log-size-max", scaffold.log_size_max, -100, 100,                       \
         "After growth, largest logarithm of the factor of an anchor's Gaussians' scales."),        \
     SG_ANCHOR_FLOAT("anchor-seen", scaffold.seen, 0, 1,                                            \
-        "Share of the iterations between two growths in which an anchor has to be seen to be "     \
-        "removed for its opacity; half of it, in which a Gaussian has to be drawn to grow."),      \
+        "An anchor is removed for its opacity only if it was seen in more than this share of the " \
+        "iterations between two growths. A Gaussian grows only if it was drawn in half of that "   \
+        "share."),                                                                                 \
     SG_ANCHOR_FLOAT("anchor-min-opacity", scaffold.min_opacity, 0, 10,                             \
         "Anchors go where the opacities of their Gaussians, added up, have a mean below this."),   \
     SG_ANCHOR_FLOAT("anchor-volume", scaffold.volume, 0, 1000,                                     \

@@ -27,7 +27,8 @@ static const struct sg_option run_options[] = {
             "larger steps); 0 = at the end only.",
             GROUP("Run")),
     INTEGER("eval-every", eval_every, 0, 1e7,
-            "Measure the test views every N iterations, as above; 0 = at the end only.",
+            "Measure the test views every N iterations (less often where --max-time makes larger "
+            "steps); 0 = at the end only.",
             GROUP("Run")),
     INTEGER("log-every", log_every, 1, 1e7, "Write a line to log.jsonl every N iterations.",
             GROUP("Run"), EXPERT),

@@ -144,12 +144,14 @@ static const struct sg_option train_options[] = {
     COUNT("max-gaussians", max_gaussians, 4, 4e9,
           "Most Gaussians; --at-limit says what happens there. 0 = no limit.", BUDGETS,
           .or_zero = true),
-    SG_CHOICE("at-limit", at_limit, "score|random|stop|universal", "NAME",
-              "Where growth meets --max-gaussians: new Gaussians take the place of those that the "
-              "defense's filter scores lowest, or of some at random; the steepest grow until the "
-              "limit is met; or all grow as long as there are fewer than the limit, which can "
-              "exceed it (Poison-splat's universal threshold).",
-              BUDGETS, EXPERT),
+    SG_CHOICE(
+        "at-limit", at_limit, "score|random|stop|universal", "NAME",
+        "What happens where growth meets --max-gaussians. score: new Gaussians take the place "
+        "of those that the defense's filter scores lowest; random: of some that chance "
+        "chooses. stop: those with the steepest gradients grow until the limit is met. "
+        "universal: all grow while there are fewer than the limit, so the model can exceed it "
+        "(Poison-splat's universal threshold).",
+        BUDGETS, EXPERT),
     SG_NUMBER(SG_OPTION_TIME, "max-time", max_seconds, 0, 1e9, "TIME",
               "Most time until the model is trained, e.g. 90s, 10m or 1h30m: iterations are "
               "skipped so that the schedule still ends. 0 = no limit.",
@@ -171,15 +173,17 @@ static const struct sg_option train_options[] = {
           DEFENSE, EXPERT),
     INTEGER(
         "tolerance-look", tolerance_look, -1, 1e9,
-        "After this iteration, and 3, 5, 7 and 9 times as many while Gaussians are added, photos "
-        "with a tolerance are compared with their renders. With --tolerance auto the first noise "
-        "in the difference becomes the tolerance, and any bound that shows on black or white. -1 = "
-        "a tenth of --densify-until-iter, or of --iterations if that is less; 0 = never.",
+        "After N iterations, and after 3, 5, 7 and 9 times as many while Gaussians are added, "
+        "photos "
+        "with a tolerance are compared with their renders. With --tolerance auto the noise that "
+        "the first comparison finds becomes the tolerance, and so does a bound that any of them "
+        "finds on black or white. -1 = a tenth of --densify-until-iter, or of --iterations if that "
+        "is less; 0 = never.",
         DEFENSE, EXPERT),
     FLOAT("tolerance-growth", tolerance_growth, 0, 1000,
           "Multiplies --densify-grad-threshold by X times the share of the difference between "
-          "photos and renders that exceeds the tolerance, 0.6 to 1. A tolerance hides gradients, "
-          "and a lower threshold makes up for them. 0 = off.",
+          "photos and renders that exceeds the tolerance, but by at least 0.6 and at most 1. A "
+          "tolerance hides gradients, and a lower threshold makes up for them. 0 = off.",
           DEFENSE, EXPERT),
     FLOAT("tolerance-low-pass", tolerance_low_pass, 0, 1000,
           "Weight of the squared low-pass difference from photos with a tolerance in the last "
@@ -187,9 +191,10 @@ static const struct sg_option train_options[] = {
           "there, and no Gaussian is added or removed. 0 = off.",
           DEFENSE, EXPERT),
     FLOAT("tolerance-smooth", tolerance_smooth, 0, 1,
-          "With --tolerance auto: where the first look finds more than this share of what photos "
-          "and renders differ in beyond the tolerance, photos agree too little for one, and are "
-          "smoothed instead, as by --smooth bilateral, as strongly as the noise asks. 1 = never.",
+          "With --tolerance auto: if more than this share of the difference between photos and "
+          "renders exceeds the tolerance in the first comparison (--tolerance-look), photos agree "
+          "too little for a tolerance. Those that have one are then smoothed instead, as by "
+          "--smooth bilateral, with a strength that follows their noise. 1 = never.",
           DEFENSE, EXPERT),
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; growth:X = the "
