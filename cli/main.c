@@ -92,8 +92,7 @@ static void markdown(void)
     printf("# Options\n\nMade by `splatguard help --markdown`; a test keeps it up to date. Names "
            "may be written with underscores as in the reference, the program of Kerbl et al. 2023 "
            "(`--densify_grad_threshold`), values as `--name value` or `--name=value`. No option "
-           "may be given twice. `--help` "
-           "leaves out the options with a star, "
+           "may be given twice. `--help` leaves out the options with a star, "
            "`--help-all` lists them too.\n\nSizes: "
            "`1500M`, `1.5G`, `2GiB`, `500MB`; K, M, G, T and KiB, MiB, GiB, TiB are powers of "
            "1024, KB, MB, GB, TB of 1000. Times: seconds, or `90s`, `10m`, `1h30m`, `1d`.\n");

@@ -174,11 +174,10 @@ static const struct sg_option train_options[] = {
     INTEGER(
         "tolerance-look", tolerance_look, -1, 1e9,
         "After N iterations, and after 3, 5, 7 and 9 times as many while Gaussians are added, "
-        "photos "
-        "with a tolerance are compared with their renders. With --tolerance auto the noise that "
-        "the first comparison finds becomes the tolerance, and so does a bound that any of them "
-        "finds on black or white. -1 = a tenth of --densify-until-iter, or of --iterations if that "
-        "is less; 0 = never.",
+        "photos with a tolerance are compared with their renders. With --tolerance auto the noise "
+        "that the first comparison finds becomes the tolerance, and so does a bound that any of "
+        "them finds on black or white. -1 = a tenth of --densify-until-iter, or of --iterations "
+        "if that is less; 0 = never.",
         DEFENSE, EXPERT),
     FLOAT("tolerance-growth", tolerance_growth, 0, 1000,
           "Multiplies --densify-grad-threshold by X times the share of the difference between "
