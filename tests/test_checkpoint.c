@@ -314,7 +314,18 @@ static void spill_sections(struct fixture *f, const char *data, const int *order
     free(bad);
 }
 
-/* Each section is needed; none may be there twice or be cut. */
+/* The number of the section with this title. */
+static int find_section(const struct fixture *f, const char *title)
+{
+    int s = 0;
+    while (s < f->sections && strcmp(f->data + f->at[s], title))
+        s++;
+    assert_true(s < f->sections);
+    return s;
+}
+
+/* Each section is needed, but for the radii, which follow the limits; none may be there twice or be
+ * cut. */
 static void test_sections(void **state)
 {
     struct fixture *f = *state;
@@ -325,10 +336,12 @@ static void test_sections(void **state)
         for (int k = 0; k < f->sections; k++)
             if (k != s)
                 order[n++] = k;
-        spill_sections(f, f->data, order, (uint32_t) n);
-        expect_refusal(f, "a section is missing");
-        assert_non_null(strstr(sg_last_error(f->ctx), title));
-        assert_non_null(strstr(sg_last_error(f->ctx), "found no section"));
+        if (strcmp(title, "largest_radius")) {
+            spill_sections(f, f->data, order, (uint32_t) n);
+            expect_refusal(f, "a section is missing");
+            assert_non_null(strstr(sg_last_error(f->ctx), title));
+            assert_non_null(strstr(sg_last_error(f->ctx), "found no section"));
+        }
         for (n = 0; n < f->sections; n++)
             order[n] = n;
         order[n++] = s;
@@ -487,9 +500,7 @@ static void test_exposures(void **state)
     } lies[] = {{0, NAN}, {23, INFINITY}, {30, -INFINITY}, {48, -1e-30f}, {71, -1}, {60, NAN}};
     static const float sound[] = {-1, 1e30f};
     sg_trainer *t;
-    int s = 0;
-    while (strcmp(f->data + f->at[s], "exposure"))
-        assert_true(++s < f->sections);
+    const int s = find_section(f, "exposure");
     for (size_t k = 0; k < sizeof(lies) / sizeof(lies[0]) + 2; k++) {
         const bool lie = k >= 2;
         const size_t i = lie ? lies[k - 2].i : 40; /* a first moment */
@@ -658,10 +669,7 @@ static void test_anchors(void **state)
     }
     static const char *const titles[] = {"position", "scale", "anchor", "anchor_moment1"};
     for (size_t k = 0; k < sizeof(titles) / sizeof(titles[0]); k++) {
-        int s = 0;
-        while (s < f->sections && strcmp(f->data + f->at[s], titles[k]))
-            s++;
-        assert_true(s < f->sections);
+        const int s = find_section(f, titles[k]);
         const float lies[] = {NAN, INFINITY};
         for (int i = 0; i < 2; i++) {
             char *bad = malloc(f->size), message[64];
@@ -676,6 +684,46 @@ static void test_anchors(void **state)
                 fail_msg("\"%s\" does not have \"%s\"", sg_last_error(f->ctx), message);
         }
     }
+}
+
+/* Resumes the checkpoint at f->path with this limit, saves it again, and reads that. */
+static char *pass_on(struct fixture *f, uint64_t max_gaussians, size_t *size)
+{
+    sg_trainer *t;
+    struct sg_train_params p = f->params;
+    p.max_gaussians = max_gaussians;
+    assert_int_equal(sg_trainer_resume(f->ctx, &f->scene, f->path, &p, &t), SG_OK);
+    assert_int_equal(sg_trainer_save(t, f->path), SG_OK);
+    sg_trainer_destroy(&t);
+    return slurp(f->path, size);
+}
+
+/* Limits may change, and with them whether radii count. Those of a run that did not count them are
+ * 0. */
+static void test_other_limits(void **state)
+{
+    struct fixture *f = *state;
+    const int radii = find_section(f, "largest_radius");
+    int order[MOST_SECTIONS], n = 0;
+    size_t size, expected_size;
+    for (int s = 0; s < f->sections; s++)
+        if (s != radii)
+            order[n++] = s;
+    char *without = pass_on(f, 0, &size);
+    spill_sections(f, f->data, order, (uint32_t) n);
+    char *expected = slurp(f->path, &expected_size);
+    assert_int_equal(size, expected_size);
+    assert_memory_equal(without, expected, size);
+    free(without);
+    free(expected);
+    char *with = pass_on(f, f->params.max_gaussians, &size);
+    const size_t from = f->at[radii] + SECTION, bytes = f->at[radii + 1] - from;
+    assert_int_equal(size, f->size);
+    assert_memory_not_equal(with, f->data, size); /* some radius was seen */
+    memset(f->data + from, 0, bytes);
+    seal(f->data, f->size);
+    assert_memory_equal(with, f->data, size);
+    free(with);
 }
 
 /* Tolerances, the last section here, are grey levels. */
@@ -728,6 +776,7 @@ int main(void)
         HOSTILE(exposures),
         OF(exposures, test_exposures),
         HOSTILE(radii),
+        OF(radii, test_other_limits),
         HOSTILE(anchors),
         OF(anchors, test_networks),
         OF(anchors, test_anchors),

@@ -97,6 +97,12 @@ static bool is_saved(const sg_trainer *t, int c)
     return sg_column_of(c, saved_bits(t));
 }
 
+/* Whether a run has it depends on its limits, which may be others when it is resumed. */
+static bool follows_limits(int c)
+{
+    return sg_columns[c].bits & SG_COLUMN_RADII;
+}
+
 /* How many of n Gaussians are in the block that begins with this one. */
 static size_t block_rows(size_t n, size_t first)
 {
@@ -446,7 +452,8 @@ struct reading {
     bool found[SECTIONS];
 };
 
-/* Of a column of n Gaussians those `kept` of them that stay. */
+/* Of a column of n Gaussians those `kept` of them that stay; nothing where this run has no such
+ * column. */
 static bool get_column(struct reading *r, int c)
 {
     const int degree = r->m->sh_degree, stride = sg_column_array_planes(c, degree);
@@ -459,7 +466,7 @@ static bool get_column(struct reading *r, int c)
         if (!get(&r->in, block, planes * rows * sizeof(float)))
             return false;
         for (size_t i; k < r->kept && (i = sg_evenly(r->n, k, r->kept)) < first + rows; k++)
-            for (size_t p = 0; p < planes; p++)
+            for (size_t p = 0; to && p < planes; p++)
                 to[sg_param_index(stride, k, sg_columns[c].first + (int) p)] =
                     block[p * rows + i - first];
     }
@@ -471,8 +478,7 @@ static uint64_t section_bytes(const struct reading *r, int c)
     return c == STRATEGY_STATE    ? r->t->strategy->state_bytes
            : c == NETWORK_WEIGHTS ? networks_bytes(r->t)
            : c >= OF_PHOTOS       ? photos_bytes(r->t, c)
-           : is_saved(r->t, c)    ? column_bytes(c, r->n, r->m->sh_degree)
-                                  : 0;
+                                  : column_bytes(c, r->n, r->m->sh_degree);
 }
 
 static void section_title(const struct reading *r, int c, char title[24])
@@ -486,19 +492,24 @@ static void section_title(const struct reading *r, int c, char title[24])
                                       : sg_columns[c].name);
 }
 
-/* A section that this run needs. sh_rest of degree 0 exists, with 0 bytes. */
-static bool is_expected(const struct reading *r, int c)
+/* A section that this run reads. sh_rest of degree 0 exists, with 0 bytes. */
+static bool is_known(const struct reading *r, int c)
 {
-    return c < SG_COLUMNS ? is_saved(r->t, c) : section_bytes(r, c) > 0;
+    return c < SG_COLUMNS ? is_saved(r->t, c) || follows_limits(c) : section_bytes(r, c) > 0;
 }
 
-/* Which one it is; -1: none of this run's. */
+static bool is_needed(const struct reading *r, int c)
+{
+    return is_known(r, c) && !(c < SG_COLUMNS && follows_limits(c));
+}
+
+/* Which one it is; -1: none that this run reads. */
 static int find_section(const struct reading *r, const struct sg_checkpoint_section *s)
 {
     char title[sizeof(s->title)];
     for (int c = 0; c < SECTIONS; c++) {
         section_title(r, c, title);
-        if (is_expected(r, c) && !strncmp(s->title, title, sizeof(title)))
+        if (is_known(r, c) && !strncmp(s->title, title, sizeof(title)))
             return c;
     }
     return -1;
@@ -597,7 +608,7 @@ static int check_end(struct reading *r)
     char title[24];
     for (int c = 0; c < SECTIONS; c++) {
         section_title(r, c, title);
-        if (!r->found[c] && is_expected(r, c))
+        if (!r->found[c] && is_needed(r, c))
             return sg_fail(ctx, SG_ERR_INPUT, "%s: found no section \"%s\", expected one",
                            r->c->path, title);
     }
