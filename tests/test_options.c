@@ -194,6 +194,7 @@ static void test_texts(void **state)
     check_text("engine", "vulkan:0", "vulkan:0");
     check_text("engine", "vulkan:a b", "vulkan:a b");
     check_text("engine", "vulkan:", "");
+    check_text("engine", "vulkan|0", "");
     check_text("engine", "vulkanic", "");
     check_text("engine", "vulkan[:DEVICE]x", "");
     check_text("engine", "cpu:0", "");

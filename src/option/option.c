@@ -230,7 +230,8 @@ static bool is_listed(const char *list, const char *text)
     const size_t name = strcspn(text, ":|");
     for (const char *word = list; word; word = strchr(word, '|')) {
         word += *word == '|';
-        if (!strncmp(word, text, name) && word[name] == '[' && (!text[name] || text[name + 1]))
+        if (!strncmp(word, text, name) && word[name] == '[' &&
+            (!text[name] || (text[name] == ':' && text[name + 1])))
             return true;
     }
     return false;
