@@ -157,6 +157,31 @@ static void test_ranges(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* What a message says is expected in place of "x". */
+static void check_refusal(const struct sg_option *options, const char *name, const char *expected)
+{
+    union params p = {0};
+    char found[256] = "";
+    assert_false(sg_option_set(sg_option_find(options, name), &p, "x", found, sizeof(found)));
+    assert_string_equal(found, expected);
+}
+
+static void test_refusals(void **state)
+{
+    (void) state;
+    check_refusal(sg_train_options(), "sh-degree", "a whole number from 0 to 3");
+    check_refusal(sg_train_options(), "max-gaussians", "a whole number from 4 to 4000000000, or 0");
+    check_refusal(sg_attack_options(), "iterations",
+                  "a whole number from 1 to 10000000 or \"preset\"");
+    check_refusal(sg_render_options(), "appearance",
+                  "a whole number from -3 to 1000000 or one of index|mean|zero");
+    check_refusal(sg_train_options(), "lambda-dssim", "a number from 0 to 1");
+    check_refusal(sg_train_options(), "rho-least", "a number from 0 to 0.5 or \"preset\"");
+    check_refusal(sg_train_options(), "tolerance", "a number from 0 to 255 or one of auto|preset");
+    check_refusal(sg_train_options(), "rho",
+                  "a number from 0 to 0.5, growth:X with X up to 0.9, or preset");
+}
+
 static void check_text(const char *name, const char *text, const char *printed)
 {
     char back[64] = "";
@@ -402,8 +427,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_rows_are_whole), cmocka_unit_test(test_defaults_read_back),
         cmocka_unit_test(test_ranges),         cmocka_unit_test(test_texts),
-        cmocka_unit_test(test_presets),        cmocka_unit_test(test_identity),
-        cmocka_unit_test(test_unused),
+        cmocka_unit_test(test_refusals),       cmocka_unit_test(test_presets),
+        cmocka_unit_test(test_identity),       cmocka_unit_test(test_unused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -111,10 +111,21 @@ static int word_of(const struct sg_option *o, double v)
     return o->words && i >= 0 && i < count_words(o->words) && i == floor(i) ? (int) i : -1;
 }
 
+/* A range, and the words that stand for more. */
+static void describe_range(const struct sg_option *o, char *text, size_t size)
+{
+    const bool whole = o->type == SG_OPTION_INT || o->type == SG_OPTION_U64;
+    const int n = snprintf(
+        text, size, whole ? "a whole number from %.0f to %.0f%s" : "a number from %g to %g%s",
+        o->low, o->high, exception(o));
+    if (o->words && n >= 0 && (size_t) n < size)
+        snprintf(text + n, size - (size_t) n,
+                 strchr(o->words, '|') ? " or one of %s" : " or \"%s\"", o->words);
+}
+
 /* What is expected of a number in a text, or of a field. */
 static void describe(const struct sg_option *o, char *text, size_t size)
 {
-    const char *also = exception(o);
     const locale_t before = uselocale(sg_c_locale());
     switch (o->type) {
     case SG_OPTION_FLAG:
@@ -124,13 +135,6 @@ static void describe(const struct sg_option *o, char *text, size_t size)
     case SG_OPTION_CHOICE:
     case SG_OPTION_SWITCH:
         snprintf(text, size, o->choices ? "one of %s" : "a name", o->choices);
-        break;
-    case SG_OPTION_INT:
-    case SG_OPTION_U64:
-        snprintf(text, size,
-                 o->words ? "a whole number from %.0f to %.0f%s or \"%s\""
-                          : "a whole number from %.0f to %.0f%s",
-                 o->low, o->high, also, o->words);
         break;
     case SG_OPTION_BYTES:
         snprintf(text, size, "a size from %.0f to %.0f bytes, such as 500MB, 1.5G or 2GiB", o->low,
@@ -147,16 +151,11 @@ static void describe(const struct sg_option *o, char *text, size_t size)
                  o->low, o->high);
         break;
     default:
-        if (o->negative) {
+        if (o->negative)
             snprintf(text, size, "a number from 0 to %g, %s:X with X up to %g, or %s", o->high,
                      o->negative, -o->low, o->words);
-            break;
-        }
-        snprintf(text, size,
-                 !o->words               ? "a number from %g to %g%s"
-                 : strchr(o->words, '|') ? "a number from %g to %g%s or one of %s"
-                                         : "a number from %g to %g%s or \"%s\"",
-                 o->low, o->high, also, o->words);
+        else
+            describe_range(o, text, size);
     }
     uselocale(before);
 }
