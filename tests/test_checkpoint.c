@@ -268,7 +268,7 @@ static void test_sealed_lies(void **state)
     }
 }
 
-/* Of another run or scene: the message has what differs, and nothing else. */
+/* Of another run or scene, or of none: the message has what differs, and nothing else. */
 static void test_what_differs(void **state)
 {
     struct fixture *f = *state;
@@ -284,9 +284,15 @@ static void test_what_differs(void **state)
         {AT_DEGREE, 4, 4, ": SH degree: found 4, expected 0 to 3"},
         {AT_START, 2, 4, ": first SH degree: found 2, expected 0 to 1"},
         {AT_COUNT, 0, 8, ": found no Gaussians, expected some"},
+        {AT_ITERATION, 10000001, 4,
+         ": byte 20: found iteration 10000001 with 3 steps of positions, expected 0 to 10000000 "
+         "and no more steps than iterations"},
+        {AT_NOISE, 0x4070000000000000u, 8,
+         ": found 0 seconds, noise of 256 levels, a share of 1 and 0 for smoothing, expected 0 to "
+         "1e12, 0 to 255, 0 to 1 and 0, or 1 with noise"},
     };
     for (size_t i = 0; i < sizeof(others) / sizeof(others[0]); i++) {
-        char *bad = malloc(f->size), message[200];
+        char *bad = malloc(f->size), message[300];
         memcpy(bad, f->data, f->size);
         memcpy(bad + others[i].at, &others[i].value, others[i].bytes);
         seal(bad, f->size);

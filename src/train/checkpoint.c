@@ -27,9 +27,13 @@ static bool counters_sound(const struct sg_checkpoint_header *h)
     bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION;
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
-    return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 &&
-           h->noise >= 0 && h->noise <= 255 && h->beyond >= 0 && h->beyond <= 1 &&
-           h->smooths <= 1 && (!h->smooths || h->noise > 0);
+    return sound && h->steps <= (uint64_t) h->iteration;
+}
+
+static bool measures_sound(const struct sg_checkpoint_header *h)
+{
+    return h->spent >= 0 && h->spent < 1e12 && h->noise >= 0 && h->noise <= 255 && h->beyond >= 0 &&
+           h->beyond <= 1 && h->smooths <= (h->noise > 0);
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)
@@ -375,6 +379,12 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path,
                        "%d and no more steps than iterations",
                        path, offsetof(struct sg_checkpoint_header, iteration), h->iteration,
                        h->adam_steps[SG_G_XYZ], MAX_ITERATION);
+    if (!measures_sound(h))
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: found %g seconds, noise of %g levels, a share of %g and %u for smoothing, "
+            "expected 0 to 1e12, 0 to 255, 0 to 1 and 0, or 1 with noise",
+            path, h->spent, h->noise, h->beyond, h->smooths);
 
     /* Checks the count against the file's length before anything is allocated for it. */
     const long long at = ftell(f);
