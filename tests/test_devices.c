@@ -442,6 +442,14 @@ static void test_trial(void **state)
     assert_non_null(strstr(said, "auto takes cpu: the GPU of a test is too small"));
 }
 
+/* Charges what it cannot give. */
+static int takes_too_much(sg_ctx *ctx, const char *variant, struct sg_engine **out)
+{
+    assert_int_equal(sg_vram_take(ctx, SG_MEM_MODEL, 1000), SG_OK);
+    sg_vram_give(ctx, SG_MEM_MODEL, 1000);
+    return too_small(ctx, variant, out);
+}
+
 /* A device that has no room for the work gives way once; an engine with a name never does. */
 static void test_gives_way(void **state)
 {
@@ -461,6 +469,38 @@ static void test_gives_way(void **state)
     assert_string_equal(engine_of(ctx, NULL, NULL), "cpu");
     assert_false(sg_engine_give_way(ctx, "auto", NULL, SG_ERR_BUDGET));
     sg_ctx_destroy(&ctx);
+}
+
+/* Whatever the work is, it is done, and no peak is left of a device that did not do it. */
+static void test_all_give_way(void **state)
+{
+    (void) state;
+    const struct sg_engine_kind gpu = {.name = "gpu", .devices = true, .create = takes_too_much};
+    uint8_t pixels[3 * 16 * 16] = {7}, rgb[3 * 16 * 16];
+    struct sg_view photo = {
+        .name = (char *) "photo", .camera = make_camera(16, 16, 3), .rgb = pixels};
+    struct sg_scene scene = {.train = &photo, .n_train = 1, .path = (char *) "scene", .extent = 3};
+    struct sg_prune_params prune = sg_prune_params_default();
+    prune.method = SG_PRUNER_SPECTRAL;
+    for (int work = 0; work < 4; work++) {
+        double scores[50];
+        sg_trainer *t = NULL;
+        sg_renderer *r = NULL;
+        sg_ctx *ctx = listening_context();
+        struct sg_model *m = make_model(ctx, 50, 1, 7);
+        *sg_ctx_auto_engine(ctx) = &gpu;
+        const int code = work == 0   ? sg_trainer_create(ctx, &scene, m, NULL, &t)
+                         : work == 1 ? sg_renderer_create(ctx, NULL, NULL, m, NULL, &r)
+                         : work == 2 ? sg_prune_scores(ctx, &scene, m, &prune, scores)
+                                     : sg_attack_naive(ctx, &photo, 0, NULL, SG_NAIVE_TV, rgb);
+        if (code || sg_vram_peak(ctx, SG_MEM_TAGS))
+            fail_msg("work %d: %d, %s", work, code, sg_last_error(ctx));
+        assert_string_equal(said, "engine: auto takes cpu: the GPU of a test is too small");
+        sg_trainer_destroy(&t);
+        sg_renderer_destroy(&r);
+        sg_model_destroy(&m);
+        sg_ctx_destroy(&ctx);
+    }
 }
 
 /* Where this suite asks the driver for a vector width, its subgroups are as wide. */
@@ -535,11 +575,11 @@ static void test_tried_engine(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_choice),   cmocka_unit_test(test_lacking),
-        cmocka_unit_test(test_loaders),  cmocka_unit_test(test_auto),
-        cmocka_unit_test(test_trial),    cmocka_unit_test(test_gives_way),
-        cmocka_unit_test(test_subgroup), cmocka_unit_test(test_tried_engine),
-        cmocka_unit_test(test_rounding),
+        cmocka_unit_test(test_choice),       cmocka_unit_test(test_lacking),
+        cmocka_unit_test(test_loaders),      cmocka_unit_test(test_auto),
+        cmocka_unit_test(test_trial),        cmocka_unit_test(test_gives_way),
+        cmocka_unit_test(test_all_give_way), cmocka_unit_test(test_subgroup),
+        cmocka_unit_test(test_tried_engine), cmocka_unit_test(test_rounding),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

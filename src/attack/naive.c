@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The attacks that Poison-splat is compared with: perturbations that do not agree between views. */
 #include <math.h>
+#include <string.h>
 
 #include "ascent.h"
 #include "engine/engine.h"
@@ -43,6 +44,21 @@ static float wave_at(const struct wave *w, size_t x, size_t y)
     return w->amplitude * (float) cos(w->phase + w->right * (double) x + w->down * (double) y);
 }
 
+/* From the photo to x, on an engine of its own. */
+static int ascend_alone(sg_ctx *ctx, const struct sg_attack_params *p, const struct ascent *a,
+                        const float *photo, int w, int h, float *x, float *scratch)
+{
+    struct sg_engine *engine;
+    int code = sg_engine_create(ctx, p->engine, p->cpu, &engine);
+    memcpy(x, photo, 3 * (size_t) w * (size_t) h * sizeof(*x));
+    if (!code)
+        code = sg_ascend(engine, a, photo, w, h, x, scratch);
+    sg_engine_destroy(&engine);
+    return sg_engine_give_way(ctx, p->engine, p->cpu, code)
+               ? ascend_alone(ctx, p, a, photo, w, h, x, scratch)
+               : code;
+}
+
 /* photo_rgb: of the view. */
 static int naive(sg_ctx *ctx, const struct sg_view *view, const uint8_t *photo_rgb, uint64_t index,
                  const struct sg_attack_params *params, enum sg_naive_attack method, uint8_t *rgb)
@@ -51,7 +67,6 @@ static int naive(sg_ctx *ctx, const struct sg_view *view, const uint8_t *photo_r
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
     int code = SG_OK;
-    struct sg_engine *engine = NULL;
     struct ascent a = {.epsilon = p.epsilon,
                        .step = p.step,
                        .steps = p.inner,
@@ -78,17 +93,15 @@ static int naive(sg_ctx *ctx, const struct sg_view *view, const uint8_t *photo_r
         }
     a.bound = bound, a.extra = photo + 9 * n;
     if (method == SG_NAIVE_TV) { /* the others need no engine */
-        code = sg_engine_create(ctx, p.engine, p.cpu, &engine);
-        if (!code && p.spectral_weight > 0)
+        if (p.spectral_weight > 0)
             code = sg_anisotropy_create(ctx, w, h, NULL, NULL, &a.spectral);
         if (!code)
-            code = sg_ascend(engine, &a, photo, w, h, x, scratch);
+            code = ascend_alone(ctx, &p, &a, photo, w, h, x, scratch);
     }
     if (!code)
         sg_quantise(x, w, h, rgb);
 done:
     sg_anisotropy_destroy(&a.spectral);
-    sg_engine_destroy(&engine);
     sg_free(photo);
     return code;
 }

@@ -30,9 +30,9 @@ int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant);
 int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out);
 /* Whether these two leave the choice between the CPU and a device to the library. */
 bool sg_engine_is_auto(const char *name, const char *variant);
-/* After a failure with this code: whether the library has chosen a device that has too little
- * memory. Then "auto" means the CPU from here on, the log says so, and the error is cleared: try
- * again. */
+/* After a failure with this code, when the engine is destroyed: whether the library has chosen a
+ * device that has too little memory. Then "auto" means the CPU from here on, the log says so, and
+ * the error is cleared: try again. */
 bool sg_engine_give_way(sg_ctx *ctx, const char *name, const char *variant, int code);
 void sg_engine_destroy(struct sg_engine **engine);
 sg_ctx *sg_engine_ctx(const struct sg_engine *e);

@@ -121,6 +121,7 @@ bool sg_engine_give_way(sg_ctx *ctx, const char *name, const char *variant, int 
         return false;
     sg_log(ctx, SG_LOG_WARN, "engine: auto takes %s: %s", kinds[0]->name, sg_last_error(ctx));
     sg_clear_error(ctx);
+    sg_vram_forget(ctx);
     *chosen = kinds[0];
     return true;
 }

@@ -9,7 +9,6 @@
 #include "begin.h"
 #include "checkpoint.h"
 #include "core/clock.h"
-#include "core/vram.h"
 #include "defense/filter.h"
 #include "engine/scaffold/scaffold.h"
 #include "exposure.h"
@@ -151,11 +150,9 @@ static int open_engine(sg_trainer *t, const struct sg_trainer_start *start)
     if (!code)
         code = sg_budget_plan_device(t->ctx, t->scene, p, t->sh_degree, start->sums,
                                      start->spectral, &t->budget);
-    if (!sg_engine_give_way(t->ctx, p->engine, p->cpu, code))
-        return code;
-    sg_engine_destroy(&t->engine);
-    sg_vram_forget(t->ctx);
-    return open_engine(t, start);
+    if (code)
+        sg_engine_destroy(&t->engine);
+    return sg_engine_give_way(t->ctx, p->engine, p->cpu, code) ? open_engine(t, start) : code;
 }
 
 /* The degree of SH that is learnt and the one that is stored. saved: what start->checkpoint has. */
