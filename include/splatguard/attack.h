@@ -72,9 +72,10 @@ struct sg_attack_params {
      * learn from one view at a time: move_positions, scale_floor and victim_gaussians have to be 0,
      * update_interval 1. The rates above and percent_dense have no effect. */
     struct sg_scaffold_params scaffold;
-    uint64_t seed;          /* Default 42. */
-    uint64_t max_gaussians; /* of the decoy; 0 = no limit, else at least 4. An anchor counts as its
-                               10 Gaussians. Default 0. */
+    uint64_t seed; /* Default 42. */
+    /* Of the decoy; 0 = no limit, else 4..4e9, with SG_ATTACK_SCAFFOLD from 40: an anchor counts as
+     * its 10 Gaussians. Default 0. */
+    uint64_t max_gaussians;
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
     const char *engine;     /* see SG_ENGINE_HELP; NULL = "auto". Default "auto". */
     const char *cpu;        /* CPU variant; NULL = best. Default NULL. */
@@ -141,15 +142,16 @@ SG_API int sg_attack_iteration(const sg_attack *attack);
 
 /* The poison of a training view: the decoy's render (with victim_tolerance an image beyond it),
  * clamped to epsilon around the photo and rounded to 8 bits. rgb: height x width x 3. Errors:
- * SG_ERR_USAGE if there is no such view, SG_ERR_BUDGET. */
+ * SG_ERR_USAGE if there is no such view, SG_ERR_INPUT for a photo that cannot be read again,
+ * SG_ERR_BUDGET. */
 SG_API int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
 
-/* Copies the decoy; the caller owns *out. Errors: SG_ERR_BUDGET. */
+/* Copies the decoy; the caller owns *out. Errors: those of sg_trainer_model. */
 SG_API int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
 
 /* Saves the whole state for sg_attack_resume. Allowed between two steps of the decoy only, that is
  * at the last iteration and at those divisible by update_interval. Errors: SG_ERR_USAGE elsewhere,
- * SG_ERR_INPUT if the file cannot be written, SG_ERR_BUDGET. */
+ * else those of sg_trainer_save. */
 SG_API int sg_attack_save(sg_attack *attack, const char *path);
 
 /* Attacks on each photo alone, for comparison: what they add is not consistent between views.

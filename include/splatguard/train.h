@@ -144,8 +144,9 @@ struct sg_scaffold_params {
     .appearance_lr_final = 5e-4f
 
 /* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Ranges that are not
- * given below: learning rates and percent_dense 0..1e3 (those of positions from 1e-12),
- * intervals 1..1e9 iterations, densify_from_iter and densify_until_iter 0..1e9. */
+ * given below: learning rates and percent_dense 0..1e3 (those that fall from a first to a last
+ * value from 1e-12), intervals 1..1e9 iterations, densify_from_iter and densify_until_iter
+ * 0..1e9. */
 struct sg_train_params {
     int iterations;            /* 1..10 million. Default 30000. */
     uint64_t seed;             /* Default 42. */
@@ -195,8 +196,8 @@ struct sg_train_params {
     /* Each photo has an affine map of colours, which is learned with the model and shows how the
      * photo was exposed. Renders are without. Default false. */
     bool exposure;
-    float exposure_lr_init;    /* at the first iteration, 1e-12..1e3. Default 0.01. */
-    float exposure_lr_final;   /* at the last, 1e-12..1e3. Default 0.001. */
+    float exposure_lr_init;    /* at the first iteration. Default 0.01. */
+    float exposure_lr_final;   /* at the last. Default 0.001. */
     float position_lr_init;    /* x scene extent. Default 1.6e-4. */
     float position_lr_final;   /* x scene extent. Default 1.6e-6. */
     int position_lr_max_steps; /* Default 30000. */
@@ -224,7 +225,7 @@ struct sg_train_params {
      * 0. */
     float random_extent;
     /* Budgets; 0 = none. If the context limits memory, the trainer also keeps within that. */
-    uint64_t max_gaussians;    /* at least 4. Default 0. */
+    uint64_t max_gaussians;    /* 4..4e9, with SG_MODEL_SCAFFOLD from 40. Default 0. */
     enum sg_at_limit at_limit; /* Default SG_AT_LIMIT_SCORE. */
     /* Seconds since creation, including the time between steps; at most 1e9. The schedule advances
      * by iterations or by time since the first step, whichever is ahead, so a shortened run still
@@ -312,9 +313,10 @@ typedef struct sg_trainer sg_trainer;
 /* initial: a model to start from, which is copied, but for spherical harmonics of higher degrees
  * than params->sh_degree; NULL = the points of the scene, or random ones. With a memory limit,
  * destroy `initial` before the first step: its memory is already promised to the run. params may be
- * NULL. Errors: SG_ERR_USAGE for values out of range; SG_ERR_INPUT if the scene has no training
- * view or no used pixel, or if `initial` has a value that is not finite; SG_ERR_BUDGET if the run
- * cannot fit. */
+ * NULL. Errors: SG_ERR_USAGE for values out of range, and for `initial` with random_points or
+ * SG_MODEL_SCAFFOLD; SG_ERR_INPUT if the scene has no training view or no used pixel, or a photo
+ * that cannot be read, or if `initial` is one of anchors or has a value that is not finite;
+ * SG_ERR_BUDGET if the run cannot fit. */
 SG_API int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene,
                              const struct sg_model *initial, const struct sg_train_params *params,
                              sg_trainer **out);
@@ -330,11 +332,12 @@ SG_API void sg_trainer_destroy(sg_trainer **trainer);
 
 /* Runs one iteration. The last iteration, and any after it, does not move parameters. step may be
  * NULL, and then nobody waits for a GPU: its errors come with a later call. Errors: SG_ERR_BUDGET;
- * SG_ERR_INPUT if every Gaussian has become transparent, so that none is left. After an error the
- * trainer can still be saved and destroyed, with that iteration half done. A run that is resumed
- * from there has a sound model, but not that of an uninterrupted run. SG_ERR_INTERRUPTED: a step
- * that is cancelled in SG_STAGE_TRAIN is not begun; one that is cancelled in SG_STAGE_COUNT is
- * completed first, and sg_trainer_iteration has risen. */
+ * SG_ERR_INPUT if every Gaussian has become transparent, so that none is left, or for a photo that
+ * did not stay in memory and cannot be read again. After an error the trainer can still be saved
+ * and destroyed, with that iteration half done. A run that is resumed from there has a sound model,
+ * but not that of an uninterrupted run. SG_ERR_INTERRUPTED: a step that is cancelled in
+ * SG_STAGE_TRAIN is not begun; one that is cancelled in SG_STAGE_COUNT is completed first, and
+ * sg_trainer_iteration has risen. */
 SG_API int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
 
 /* Iterations so far, including those that were skipped for lack of time. */
@@ -348,7 +351,7 @@ struct sg_train_limits {
     uint64_t steps;                   /* iterations done, without those that were skipped */
 };
 SG_API void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
-/* Tolerance of the photo of a training view now, in grey levels; 0 = none. */
+/* Tolerance of the photo of a training view now, in grey levels; 0 = none. view: below n_train. */
 SG_API float sg_trainer_tolerance(const sg_trainer *trainer, size_t view);
 /* The exposures of the training views' photos now, of a run that learns them: of each photo 3 rows
  * of 4 numbers, where channel c of the photo is the sum over k of colour[k] row[k][c], and
@@ -362,7 +365,9 @@ SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 
 /* Copies the current model; the caller owns *out. With SG_MODEL_MIP the 3D filter is in its scales
  * and opacities, unless keep_filter; it is to be drawn with sg_render_params.mip_kernel. With
- * SG_MODEL_SCAFFOLD it is one of anchors, see sg_model_read_drawable. Errors: SG_ERR_BUDGET. */
+ * SG_MODEL_SCAFFOLD it is one of anchors, see sg_model_read_drawable. Errors: SG_ERR_BUDGET;
+ * SG_ERR_INPUT if networks or 3D filters have values that are not finite: the training has
+ * diverged. */
 SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 
 /* A renderer of the current model that uses the buffers of the run, without a copy, on the run's
@@ -383,7 +388,8 @@ SG_API int sg_trainer_scores(sg_trainer *trainer, double *score, double *hits,
                              struct sg_filter_pass *next);
 
 /* Saves the whole state for sg_trainer_resume. The file appears whole or not at all. Errors:
- * SG_ERR_INPUT if it cannot be written, SG_ERR_BUDGET. */
+ * SG_ERR_INPUT if it cannot be written, or if networks of SG_MODEL_SCAFFOLD have values that are
+ * not finite; SG_ERR_BUDGET. */
 SG_API int sg_trainer_save(sg_trainer *trainer, const char *path);
 
 #ifdef __cplusplus

@@ -85,7 +85,7 @@ int sg_engine_upload(struct sg_engine *e, const struct sg_model *model,
 /* The same, and takes the arrays of both, so that a host never holds them twice. */
 int sg_engine_adopt(struct sg_engine *e, struct sg_model *model, struct sg_columns *columns);
 /* Engine to host, objects of the present count and SH degree. What is NULL, an object or an array,
- * is left out. */
+ * is left out. SG_ERR_INPUT for networks with weights that are not finite. */
 int sg_engine_download(struct sg_engine *e, struct sg_model *model, struct sg_columns *columns);
 size_t sg_engine_count(const struct sg_engine *e);
 /* Gaussians that one of the model can be drawn as: more than 1, if it is an anchor. */

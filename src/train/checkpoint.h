@@ -26,9 +26,10 @@ struct sg_checkpoint_header {
     uint32_t sections, smooths;
 };
 
-/* Before the bytes of a section: of a column that is saved, once each and in any order, blocks of
+/* Before the bytes of a section, once each and in any order: of a column that is saved, blocks of
  * SG_LANES Gaussians with `planes` planes each, the last block cut off; of the state of the
- * strategy (title "strategy:" and its name), if it has one. */
+ * strategy (title "strategy:" and its name), numbers of photos, and networks, where a run has
+ * them. */
 struct sg_checkpoint_section {
     char title[24]; /* filled up with zeros */
     uint32_t planes, zero;
