@@ -386,16 +386,24 @@ static void test_edit(void **state)
     clear_fixture(&f);
 }
 
-/* Five edits without a death from 100000 on. */
+/* Five edits without a death from 100000 on: never above the cap or the budget, and never fewer. */
 static void test_growth(void **state)
 {
     (void) state;
-    static const size_t expected[] = {105000, 110250, 115762, 121550, 127627};
-    double n = 100000;
-    for (int k = 0; k < 5; k++) {
-        n = floor(sg_train_params_default().mcmc.growth * n);
-        assert_true(n == (double) expected[k]);
+    static const size_t expected[] = {100000, 105000, 110250, 115762, 121550, 127627};
+    sg_trainer t = {.params = sg_train_params_default()};
+    bool bound;
+    for (int k = 1; k <= 5; k++) {
+        assert_int_equal(sg_mcmc_target(&t, expected[k - 1], &bound), expected[k]);
+        assert_false(bound);
     }
+    t.params.mcmc.cap_max = 104000;
+    assert_int_equal(sg_mcmc_target(&t, 100000, &bound), 104000);
+    assert_int_equal(sg_mcmc_target(&t, 104001, &bound), 104001);
+    assert_false(bound);
+    t.budget.gaussians = 103000;
+    assert_int_equal(sg_mcmc_target(&t, 100000, &bound), 103000);
+    assert_true(bound);
 }
 
 /* Points begin at half the opacity and a tenth of the size, or as the parameters say. */

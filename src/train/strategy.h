@@ -64,5 +64,7 @@ extern const struct sg_strategy sg_strategy_scaffold;
 /* What `count` Gaussians in one place need each to look like one of this opacity: the opacity, and
  * *scale, the factor of its scales. */
 double sg_mcmc_share(const struct sg_mcmc_params *p, double opacity, unsigned count, double *scale);
+/* How many Gaussians n become in an edit. *bound: whether the budget keeps them from being more. */
+size_t sg_mcmc_target(const sg_trainer *t, size_t n, bool *bound);
 
 #endif

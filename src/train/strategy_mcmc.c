@@ -35,7 +35,7 @@ static bool is_dead(const struct sg_mcmc_params *p, float opacity)
     return !(opacity > p->dead);
 }
 
-static size_t target(const sg_trainer *t, size_t n, bool *bound)
+size_t sg_mcmc_target(const sg_trainer *t, size_t n, bool *bound)
 {
     const struct sg_mcmc_params *p = &t->params.mcmc;
     const uint64_t budget = t->budget.gaussians;
@@ -78,7 +78,7 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
     const struct sg_train_params *p = &t->params;
     const size_t n = sg_engine_count(t->engine);
     bool bound;
-    const bool edits = is_due(t, before, it) && (target(t, n, &bound) > n || any_dead(t));
+    const bool edits = is_due(t, before, it) && (sg_mcmc_target(t, n, &bound) > n || any_dead(t));
     /* As in the released code: tensors that are made anew have no gradient. */
     return (struct sg_strategy_plan){
         .rests = edits, .mean_opacity = p->mcmc.opacity_reg, .mean_scale = p->mcmc.scale_reg};
@@ -238,7 +238,7 @@ static int edit(sg_trainer *t, int it, struct sg_train_step *step)
     struct entries e = {0};
     bool bound;
     const double start = sg_seconds();
-    const size_t more = target(t, n, &bound) - n;
+    const size_t more = sg_mcmc_target(t, n, &bound) - n;
     int code = read_opacities(t, &d.opacity);
     if (code)
         goto done;
@@ -269,7 +269,7 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
     const struct sg_train_params *p = &t->params;
     bool bound = false;
     if (is_due(t, before, it)) /* also where a full model leaves nothing to edit */
-        target(t, sg_engine_count(t->engine), &bound);
+        sg_mcmc_target(t, sg_engine_count(t->engine), &bound);
     int code = planned->rests ? edit(t, it, out) : SG_OK;
     t->gaussians_bound |= !code && bound;
     const double amount = (double) p->mcmc.noise_lr * sg_position_lr(p, it) * t->extent;
