@@ -20,15 +20,19 @@ static json_t *peak_json(uint64_t here, const json_t *earlier, const char *key)
     return json_integer(before > (json_int_t) here ? before : (json_int_t) here);
 }
 
-static json_t *ledger(const sg_ctx *ctx, uint64_t (*peak)(const sg_ctx *, enum sg_mem_tag),
-                      const json_t *earlier)
+/* Puts the peak of all tags under one key, and that of each under the other. */
+static void put_peaks(json_t *s, const sg_run *r, const char *key, const char *by_tag,
+                      uint64_t (*peak)(const sg_ctx *, enum sg_mem_tag))
 {
+    const json_t *earlier = json_object_get(r->earlier, by_tag);
     json_t *tags = json_object();
     for (int tag = 0; tag < SG_MEM_TAGS; tag++) {
         const char *name = sg_mem_tag_name((enum sg_mem_tag) tag);
-        json_object_set_new(tags, name, peak_json(peak(ctx, (enum sg_mem_tag) tag), earlier, name));
+        json_object_set_new(tags, name,
+                            peak_json(peak(r->ctx, (enum sg_mem_tag) tag), earlier, name));
     }
-    return tags;
+    json_object_set_new(s, key, peak_json(peak(r->ctx, SG_MEM_TAGS), r->earlier, key));
+    json_object_set_new(s, by_tag, tags);
 }
 
 static json_t *stages(const sg_trainer *trainer)
@@ -122,18 +126,11 @@ int sg_run_write_summary(sg_run *r)
     PUT("cpu_seconds", sg_number_json(t->cpu_seconds));
     PUT("iterations_per_second",
         sg_number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));
-    const json_t *earlier = r->earlier;
-#define PEAK(key, value) PUT(key, peak_json(value, earlier, key))
-#define PEAKS(key, peak) PUT(key, ledger(r->ctx, peak, json_object_get(earlier, key)))
-    PEAK("peak_rss_bytes", (uint64_t) usage.ru_maxrss * 1024);
-    PEAK("peak_ledger_bytes", sg_mem_peak(r->ctx, SG_MEM_TAGS));
-    PEAKS("peak_ledger_bytes_by_tag", sg_mem_peak);
-    if (sg_vram_peak(r->ctx, SG_MEM_TAGS) || json_object_get(earlier, "peak_vram_bytes")) {
-        PEAK("peak_vram_bytes", sg_vram_peak(r->ctx, SG_MEM_TAGS));
-        PEAKS("peak_vram_bytes_by_tag", sg_vram_peak);
-    }
-#undef PEAKS
-#undef PEAK
+    PUT("peak_rss_bytes",
+        peak_json((uint64_t) usage.ru_maxrss * 1024, r->earlier, "peak_rss_bytes"));
+    put_peaks(s, r, "peak_ledger_bytes", "peak_ledger_bytes_by_tag", sg_mem_peak);
+    if (sg_vram_peak(r->ctx, SG_MEM_TAGS) || json_object_get(r->earlier, "peak_vram_bytes"))
+        put_peaks(s, r, "peak_vram_bytes", "peak_vram_bytes_by_tag", sg_vram_peak);
     PUT("stage_seconds", stages(r->trainer));
     PUT("variant", json_string(sg_trainer_variant(r->trainer)));
     PUT("machine", machine());
