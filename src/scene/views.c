@@ -122,10 +122,11 @@ static int read_image(sg_ctx *ctx, const struct sg_scene_files *files, const cha
     return code;
 }
 
-/* The mask of a shot at the photo's size, 0 or 255. */
+/* The mask of the view's shot at the photo's size, 0 or 255. */
 static int load_mask(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
-                     int width, int height, uint8_t **out, bool *broken)
+                     struct sg_view *view, bool *broken)
 {
+    const int width = view->file_width, height = view->file_height;
     struct sg_image image = {0};
     size_t pixels = (size_t) width * (size_t) height;
     uint8_t *grey = NULL;
@@ -152,23 +153,24 @@ static int load_mask(sg_ctx *ctx, const struct sg_scene_files *files, const stru
     sg_image_clear(&image);
     for (size_t i = 0; i < pixels && !code; i++)
         grey[i] = grey[i] > 127 ? 255 : 0;
-    *out = grey;
+    view->mask = grey;
     return code;
 }
 
 /* Masks the columns that are not of the half. */
-static int mask_half(sg_ctx *ctx, enum sg_half half, struct sg_view *view, int w, int h)
+static int mask_half(sg_ctx *ctx, enum sg_half half, struct sg_view *view)
 {
-    const size_t width = (size_t) w, left = width / 2;
+    const size_t width = (size_t) view->camera.width, height = (size_t) view->camera.height,
+                 left = width / 2;
     if (half == SG_HALF_BOTH)
         return SG_OK;
     if (!view->mask) {
-        view->mask = sg_alloc_raw(ctx, SG_MEM_IMAGES, width * (size_t) h, 1);
+        view->mask = sg_alloc_raw(ctx, SG_MEM_IMAGES, width * height, 1);
         if (!view->mask)
             return SG_ERR_BUDGET;
-        memset(view->mask, 255, width * (size_t) h);
+        memset(view->mask, 255, width * height);
     }
-    for (size_t y = 0; y < (size_t) h; y++) {
+    for (size_t y = 0; y < height; y++) {
         uint8_t *row = view->mask + y * width;
         if (half == SG_HALF_LEFT)
             memset(row + left, 0, width - left);
@@ -252,8 +254,9 @@ int sg_view_place(sg_ctx *ctx, const struct sg_scene_params *params, const struc
     return place(ctx, params, shot, shot->lens.width, shot->lens.height, &lens, &view->camera);
 }
 
-static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view, int w, int h)
+static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view)
 {
+    const int w = view->camera.width, h = view->camera.height;
     uint8_t *smoothed = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
     const int code =
         smoothed ? sg_smooth(ctx, kind, view->rgb, view->mask, w, h, smoothed) : SG_ERR_BUDGET;
@@ -334,18 +337,16 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
         return code;
     code = take_pixels(ctx, params, shot, &image, view);
     sg_image_clear(&image);
-    const int width = view->file_width, height = view->file_height;
     if (!code)
-        code = place(ctx, params, shot, width, height, &lens, &view->camera);
+        code = place(ctx, params, shot, view->file_width, view->file_height, &lens, &view->camera);
     if (!code && shot->mask)
-        code = load_mask(ctx, files, shot, width, height, &view->mask, broken);
+        code = load_mask(ctx, files, shot, view, broken);
     if (!code)
         code = fit_to_camera(ctx, shot, &lens, view);
-    const int w = view->camera.width, h = view->camera.height;
     if (!code)
-        code = mask_half(ctx, shot->half, view, w, h);
+        code = mask_half(ctx, shot->half, view);
     if (!code && params->smooth && shot->split != SG_SPLIT_TEST)
-        code = smooth(ctx, params->smooth, view, w, h);
+        code = smooth(ctx, params->smooth, view);
     if (!code)
         view->hash = sg_view_hash(view);
     return code;
