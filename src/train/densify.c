@@ -15,6 +15,8 @@ enum { STAYS, CLONES, SPLITS, GOES };
  * are cleared by the clone step before they are read. So it is left out, but where growth is
  * paused. */
 struct plan {
+    size_t n;             /* Gaussians now */
+    bool paused;          /* none grows: overshoot, and the limit is reached */
     uint8_t *keep, *kind; /* keep: first what becomes of each, then whether it stays */
     uint32_t *source;
     size_t appended;
@@ -30,9 +32,9 @@ static void append(struct plan *p, size_t source, enum sg_edit_kind kind)
  * params->replace. The lowest scored are removed, or the last ones where there are no scores.
  * Returns an error code. */
 static int make_room(struct sg_engine *engine, const struct sg_densify_params *p, struct plan *plan,
-                     size_t n, size_t wish, size_t *goes)
+                     size_t wish, size_t *goes)
 {
-    const size_t limit = p->max_gaussians, surplus = n > limit ? n - limit : 0,
+    const size_t n = plan->n, limit = p->max_gaussians, surplus = n > limit ? n - limit : 0,
                  short_of = n + wish - limit;
     const size_t most = surplus + (size_t) ((double) p->replace * (double) n);
     *goes = surplus;
@@ -61,8 +63,9 @@ static int make_room(struct sg_engine *engine, const struct sg_densify_params *p
 /* Of those that would grow, only the `room` with the largest gradients may; among equals, the first
  * ones. */
 static int choose_growth(struct sg_engine *engine, struct plan *plan, const float *gradient,
-                         size_t n, size_t room, bool *limited)
+                         size_t room, bool *limited)
 {
+    const size_t n = plan->n;
     float *wishes = sg_alloc_raw(sg_engine_ctx(engine), SG_MEM_OPTIMISER, n, sizeof(*wishes));
     size_t wish = 0, above = 0;
     if (!wishes)
@@ -111,8 +114,9 @@ static bool dies(const struct sg_densify_params *p, float opacity, float scale)
 
 /* Marks who grows; returns how many: each adds one Gaussian, whether it is cloned or split. */
 static size_t mark_growth(const struct sg_densify_params *p, const struct sg_statistics *s,
-                          size_t n, struct plan *plan)
+                          struct plan *plan)
 {
+    const size_t n = plan->n;
     const float steep = p->absolute ? quantile(s->absolute, s->gradient, n, p->gradient) : INFINITY;
     size_t wish = 0;
     for (size_t i = 0; i < n; i++) {
@@ -124,29 +128,31 @@ static size_t mark_growth(const struct sg_densify_params *p, const struct sg_sta
     return wish;
 }
 
-/* Keeps growth below the limit; `paused` stops it. */
+/* Keeps growth below the limit. */
 static int limit_growth(struct sg_engine *engine, const struct sg_densify_params *p,
-                        const struct sg_statistics *s, size_t n, size_t wish, bool paused,
-                        struct plan *plan, struct sg_densify_result *result)
+                        const struct sg_statistics *s, size_t wish, struct plan *plan,
+                        struct sg_densify_result *result)
 {
-    if (paused) {
-        memset(plan->keep, STAYS, n);
-        result->limited = wish;
+    if (plan->paused) {
+        memset(plan->keep, STAYS, plan->n);
+        result->limited = wish > 0;
         return SG_OK;
     }
-    if (p->overshoot || !p->max_gaussians || n + wish <= p->max_gaussians)
+    if (p->overshoot || !p->max_gaussians || plan->n + wish <= p->max_gaussians)
         return SG_OK;
-    const int code = make_room(engine, p, plan, n, wish, &result->replaced);
-    return code ? code
-                : choose_growth(engine, plan, s->gradient, n,
-                                p->max_gaussians - (n - result->replaced), &result->limited);
+    const int code = make_room(engine, p, plan, wish, &result->replaced);
+    if (code)
+        return code;
+    const size_t room = p->max_gaussians - (plan->n - result->replaced);
+    return choose_growth(engine, plan, s->gradient, room, &result->limited);
 }
 
 /* Clones, then children. A Gaussian and its copies share opacity, so that they are pruned together;
  * children are smaller. */
 static void append_growth(const struct sg_densify_params *p, const struct sg_statistics *s,
-                          size_t n, struct plan *plan, struct sg_densify_result *result)
+                          struct plan *plan, struct sg_densify_result *result)
 {
+    const size_t n = plan->n;
     for (size_t i = 0; i < n; i++)
         if (plan->keep[i] == CLONES) {
             result->cloned++;
@@ -167,14 +173,14 @@ static void append_growth(const struct sg_densify_params *p, const struct sg_sta
 }
 
 /* Turns plan->keep into what stays, without those that were split; returns how many. */
-static size_t mark_kept(const struct sg_densify_params *p, const struct sg_statistics *s, size_t n,
-                        bool paused, struct plan *plan, struct sg_densify_result *result)
+static size_t mark_kept(const struct sg_densify_params *p, const struct sg_statistics *s,
+                        struct plan *plan, struct sg_densify_result *result)
 {
     size_t kept = 0;
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < plan->n; i++) {
         const bool parent = plan->keep[i] == SPLITS,
                    goes = plan->keep[i] == GOES || dies(p, s->opacity[i], s->largest[i]) ||
-                          (paused && p->prune_scale > 0 && s->radius[i] > SG_PRUNE_RADIUS);
+                          (plan->paused && p->prune_scale > 0 && s->radius[i] > SG_PRUNE_RADIUS);
         result->pruned += !parent && goes;
         plan->keep[i] = !parent && !goes;
         kept += plan->keep[i];
@@ -187,9 +193,9 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
     const size_t n = sg_engine_count(engine);
-    const bool paused = p->overshoot && p->max_gaussians && n >= p->max_gaussians;
     int code = SG_ERR_BUDGET;
-    struct plan plan = {0};
+    struct plan plan = {.n = n,
+                        .paused = p->overshoot && p->max_gaussians && n >= p->max_gaussians};
     *result = (struct sg_densify_result){0};
     float *stats = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, (p->absolute ? 5 : 3) * sizeof(float));
     float *radius = p->overshoot ? sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(float)) : NULL;
@@ -206,11 +212,11 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
     if ((code = sg_engine_read_statistics(engine, &s)))
         goto done;
 
-    const size_t wish = mark_growth(p, &s, n, &plan);
-    if ((code = limit_growth(engine, p, &s, n, wish, paused, &plan, result)))
+    const size_t wish = mark_growth(p, &s, &plan);
+    if ((code = limit_growth(engine, p, &s, wish, &plan, result)))
         goto done;
-    append_growth(p, &s, n, &plan, result);
-    const size_t kept = mark_kept(p, &s, n, paused, &plan, result);
+    append_growth(p, &s, &plan, result);
+    const size_t kept = mark_kept(p, &s, &plan, result);
     if (kept + plan.appended == 0) {
         code = sg_fail(ctx, SG_ERR_INPUT,
                        "train: every Gaussian became transparent: the scene cannot be fitted");
@@ -221,7 +227,7 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
                                                     .appended = plan.appended,
                                                     .source = plan.source,
                                                     .kind = plan.kind,
-                                                    .statistics = paused,
+                                                    .statistics = plan.paused,
                                                     .seed = p->seed,
                                                     .stream = p->stream});
 done:
