@@ -3,7 +3,7 @@
 #include <limits.h>
 #include <math.h>
 
-#include "scene_files.h"
+#include "colmap_files.h"
 #include "splatguard/attack.h"
 
 #define W 24
@@ -48,7 +48,9 @@ static struct sg_scene *poison(struct fixture *f, const struct sg_scene *clean,
     struct sg_scene *loaded;
     assert_int_equal(sg_scene_load(f->ctx, folder, NULL, &loaded), SG_ERR_INPUT); /* not yet one */
     assert_int_equal(sg_poisoned_scene_finish(f->ctx, clean, files, folder), SG_OK);
-    const int code = sg_scene_load(f->ctx, folder, sg_scene_params(.eval = eval), &loaded);
+    /* strict: photos have the sizes of their cameras */
+    const int code =
+        sg_scene_load(f->ctx, folder, sg_scene_params(.eval = eval, .strict = true), &loaded);
     if (code)
         fail_msg("%s", sg_last_error(f->ctx));
     return loaded;
@@ -157,6 +159,88 @@ static void test_colmap(void **state)
     put_colmap(f, "1 PINHOLE 24 16 30 31 12.5 7.5\n");
     check(f, sg_scene_params(.downscale = 2), SG_POISON_PNG, SG_FORMAT_COLMAP);
     check(f, sg_scene_params(), SG_POISON_PNG, SG_FORMAT_COLMAP);
+}
+
+/* A model in both encodings: pinholes of the new size, and cameras that stay. */
+static void test_colmap_cameras(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"images/a.png", "images/b.png", "images/c.png"};
+    static const double pinhole[] = {30, 31, 12.5, 7.5}, radial[] = {20, 12, 8, 0},
+                        distorted[] = {20, 12, 8, 0.5};
+    static const char text[] = "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+                               "3 SIMPLE_RADIAL 24 16 20 12 8 0.5\n"
+                               "4 PINHOLE 12 8 10 10 6 4\n"
+                               "7 PINHOLE 12 8 15 15.5 6.25 3.75\n";
+    char *written;
+    size_t size;
+    struct bytes b = {.size = 0};
+    put_photos(f, photos, 3);
+    add(&b, 3, 8);
+    add_camera(&b, 7, 1, 24, 16, pinhole, 4);
+    add_camera(&b, 4, 2, 24, 16, radial, 4);
+    add_camera(&b, 3, 2, 24, 16, distorted, 4); /* has no photo */
+    put_bytes(f, "sparse/0/cameras.bin", &b);
+    b.size = 0;
+    add(&b, 4, 8);
+    add_image(&b, 1, 7, "a.png", 0, 2);
+    add_image(&b, 2, 4, "b.png", 1, 0);
+    add_image(&b, 3, 7, "c.png", 2, 1);
+    add_image(&b, 4, 3, "gone.png", 2, 1);
+    put_bytes(f, "sparse/0/images.bin", &b);
+    put_text(f, "sparse/0/cameras.txt", "beside the binary file, which is read");
+    put_text(f, "sparse/0/points3D.txt", "1 1 2 3 10 20 30 0.5 1 0\n2 4 5 6 40 50 60 0.5 2 0\n");
+    struct sg_scene *clean, *copy;
+    assert_int_equal(sg_scene_load(f->ctx, f->dir, sg_scene_params(.downscale = 2), &clean), SG_OK);
+    const struct sg_poison_files files = {SG_POISON_PNG, 75, false};
+    char folder[600];
+    snprintf(folder, sizeof(folder), "%s/out", f->dir);
+    assert_int_equal(sg_poisoned_scene_begin(f->ctx, clean, &files, folder), SG_OK);
+    for (size_t i = 0; i < clean->n_train; i++)
+        assert_int_equal(sg_poisoned_scene_image(f->ctx, clean, &clean->train[i], &files, folder,
+                                                 clean->train[i].rgb, NULL),
+                         SG_OK);
+    assert_int_equal(sg_poisoned_scene_finish(f->ctx, clean, &files, folder), SG_OK);
+    assert_int_equal(sg_file_read(f->ctx, at(f, "out/sparse/0/cameras.txt"), 1000, &written, &size),
+                     SG_OK);
+    assert_string_equal(written, text);
+    sg_free(written);
+    f->warnings = 0;
+    assert_int_equal(sg_scene_load(f->ctx, folder, NULL, &copy), SG_OK);
+    assert_int_equal(f->warnings, 1); /* of gone.png */
+    assert_int_equal(copy->n_train, 3);
+    for (size_t i = 0; i < 3; i++) /* to the last bit, as if the reader had scaled them */
+        assert_memory_equal(&copy->train[i].camera, &clean->train[i].camera,
+                            sizeof(struct sg_camera));
+    sg_scene_destroy(&clean);
+    sg_scene_destroy(&copy);
+}
+
+/* A camera of photos of several sizes stays as it is. */
+static void test_colmap_sizes(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t rgb[3 * W * H / 4] = {0};
+    char *before, *after;
+    size_t size;
+    put_colmap(f, "1 PINHOLE 24 16 30 31 12.5 7.5\n");
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "images/sub/b.png"), rgb, W / 2, H / 2, 3),
+                     SG_OK);
+    struct sg_scene *clean;
+    const struct sg_poison_files files = {SG_POISON_PNG, 75, false};
+    char folder[600];
+    snprintf(folder, sizeof(folder), "%s/out", f->dir);
+    assert_int_equal(sg_scene_load(f->ctx, f->dir, NULL, &clean), SG_OK);
+    assert_int_equal(sg_poisoned_scene_begin(f->ctx, clean, &files, folder), SG_OK);
+    assert_int_equal(sg_poisoned_scene_finish(f->ctx, clean, &files, folder), SG_OK);
+    assert_int_equal(sg_file_read(f->ctx, at(f, "sparse/0/cameras.txt"), 1000, &before, &size),
+                     SG_OK);
+    assert_int_equal(sg_file_read(f->ctx, at(f, "out/sparse/0/cameras.txt"), 1000, &after, &size),
+                     SG_OK);
+    assert_string_equal(before, after);
+    sg_free(before);
+    sg_free(after);
+    sg_scene_destroy(&clean);
 }
 
 static void test_colmap_jpeg(void **state)
@@ -415,6 +499,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {scene_test(test_blender),
                                        scene_test(test_colmap),
+                                       scene_test(test_colmap_cameras),
+                                       scene_test(test_colmap_sizes),
                                        scene_test(test_colmap_other_model),
                                        scene_test(test_colmap_jpeg),
                                        scene_test(test_colmap_names),

@@ -15,6 +15,7 @@
 #include "core/file.h"
 #include "core/numbers.h"
 #include "image/image.h"
+#include "scene/colmap.h"
 #include "scene/photo.h"
 #include "scene/transforms.h"
 #include "splatguard/eval.h"
@@ -424,6 +425,8 @@ int sg_poisoned_scene_finish(sg_ctx *ctx, const struct sg_scene *scene,
     for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap;
          *name && !code; name++)
         code = copy(ctx, scene, &from, folder, *name);
+    if (!code && scene->format == SG_FORMAT_COLMAP)
+        code = sg_colmap_fit_cameras(ctx, scene, &from, folder);
     sg_folder_close(&from);
     return code;
 }

@@ -56,6 +56,11 @@ int sg_colmap_model_find(const char *name)
     return -1;
 }
 
+const char *sg_colmap_model_name(int model)
+{
+    return models[model].name;
+}
+
 int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *where,
                          uint32_t id, int model, uint64_t width, uint64_t height, const double *p)
 {
@@ -81,9 +86,12 @@ int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const c
     if (!code)
         code = sg_grow(ctx, SG_MEM_MISC, &cameras->items, &cameras->capacity, cameras->count + 1,
                        cameras->count, sizeof(*cameras->items));
-    if (!code)
-        cameras->items[cameras->count++] = (struct sg_colmap_camera){id, lens};
-    return code;
+    if (code)
+        return code;
+    struct sg_colmap_camera *camera = &cameras->items[cameras->count++];
+    *camera = (struct sg_colmap_camera){.id = id, .model = model, .lens = lens};
+    memcpy(camera->params, p, (size_t) models[model].params * sizeof(*p));
+    return SG_OK;
 }
 
 static int by_id(const void *a, const void *b)
@@ -104,13 +112,18 @@ int sg_colmap_sort_cameras(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const
     return SG_OK;
 }
 
+struct sg_colmap_camera *sg_colmap_find_camera(const struct sg_colmap_cameras *cameras, uint32_t id)
+{
+    const struct sg_colmap_camera key = {.id = id};
+    return cameras->count ? bsearch(&key, cameras->items, cameras->count, sizeof(key), by_id)
+                          : NULL;
+}
+
 int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max,
                         const struct sg_colmap_cameras *cameras, const char *where, uint32_t camera,
                         const double q[4], const double t[3], const char *name)
 {
-    struct sg_colmap_camera key = {.id = camera};
-    const struct sg_colmap_camera *found =
-        cameras->count ? bsearch(&key, cameras->items, cameras->count, sizeof(key), by_id) : NULL;
+    const struct sg_colmap_camera *found = sg_colmap_find_camera(cameras, camera);
     if (!found)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: image \"%s\": found camera id %u, expected one of the %zu cameras",
@@ -120,6 +133,7 @@ int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max,
     if (code)
         return code;
     shot->lens = found->lens;
+    shot->camera_id = camera;
     shot->camera = sg_strf(ctx, "%s: camera id %u", where, camera);
     if (!shot->camera)
         return SG_ERR_BUDGET;
@@ -236,56 +250,73 @@ static int read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *fol
     return code;
 }
 
+static int read_cameras(sg_ctx *ctx, const struct sg_folder *dir, struct sg_colmap_model *m)
+{
+    char *path;
+    struct sg_source in = {0};
+    int code = open_part(ctx, dir, m->folder, m->text ? "cameras.txt" : "cameras.bin", &path, &in);
+    if (!code)
+        code = m->text ? sg_colmap_cameras_txt(ctx, &in, &m->cameras)
+                       : sg_colmap_cameras_bin(ctx, &in, &m->cameras);
+    sg_source_close(&in);
+    sg_free(path);
+    return code;
+}
+
+static int read_images(sg_ctx *ctx, const struct sg_folder *dir, struct sg_colmap_model *m,
+                       uint64_t max_images, struct sg_shots *shots)
+{
+    struct sg_source in = {0};
+    int code =
+        open_part(ctx, dir, m->folder, m->text ? "images.txt" : "images.bin", &m->images, &in);
+    if (!code)
+        code = m->text ? sg_colmap_images_txt(ctx, &in, max_images, &m->cameras, shots)
+                       : sg_colmap_images_bin(ctx, &in, max_images, &m->cameras, shots);
+    sg_source_close(&in);
+    return code;
+}
+
+int sg_colmap_read_model(sg_ctx *ctx, const struct sg_folder *dir, const char *name,
+                         uint64_t max_images, struct sg_colmap_model *m, struct sg_shots *shots)
+{
+    *m = (struct sg_colmap_model){0};
+    m->folder = name ? model_in(ctx, dir, name, &m->text) : find_model(ctx, dir, &m->text);
+    if (!m->folder)
+        return sg_failed(ctx)
+                   ? SG_ERR_BUDGET
+                   : sg_fail(ctx, SG_ERR_INPUT,
+                             "%s: found no COLMAP model, expected images and cameras (.bin or "
+                             ".txt) in %s",
+                             dir->path, name ? name : "sparse/0 or sparse");
+    const int code = read_cameras(ctx, dir, m);
+    return code ? code : read_images(ctx, dir, m, max_images, shots);
+}
+
+void sg_colmap_clear_model(struct sg_colmap_model *m)
+{
+    sg_free(m->folder);
+    sg_free(m->images);
+    sg_free(m->cameras.items);
+    *m = (struct sg_colmap_model){0};
+}
+
 int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                    struct sg_shots *shots, struct sg_points *points)
 {
-    bool text = false;
-    struct sg_source in = {0};
-    struct sg_colmap_cameras cameras = {0};
-    char *cameras_path = NULL, *images_path = NULL;
-    int code = SG_ERR_INPUT;
-    char *folder =
-        params->colmap ? model_in(ctx, dir, params->colmap, &text) : find_model(ctx, dir, &text);
-    if (!folder) {
-        code = sg_failed(ctx) ? SG_ERR_BUDGET : code;
-        sg_fail(ctx, code,
-                "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in %s",
-                dir->path, params->colmap ? params->colmap : "sparse/0 or sparse");
-        goto done;
-    }
-    if (!params->colmap && (code = warn_of_another(ctx, dir)))
-        goto done;
-    code = open_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &in);
-    if (code)
-        goto done;
-    code = text ? sg_colmap_cameras_txt(ctx, &in, &cameras)
-                : sg_colmap_cameras_bin(ctx, &in, &cameras);
-    if (code)
-        goto done;
-    sg_source_close(&in);
-    code = open_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &in);
-    if (code)
-        goto done;
-    code = text ? sg_colmap_images_txt(ctx, &in, params->max_images, &cameras, shots)
-                : sg_colmap_images_bin(ctx, &in, params->max_images, &cameras, shots);
-    if (code)
-        goto done;
-    sg_source_close(&in);
-    code = sg_shots_check_names(ctx, shots, 0, images_path);
+    struct sg_colmap_model m;
+    int code = sg_colmap_read_model(ctx, dir, params->colmap, params->max_images, &m, shots);
+    if (!code && !params->colmap)
+        code = warn_of_another(ctx, dir);
+    if (!code)
+        code = sg_shots_check_names(ctx, shots, 0, m.images);
     if (!code)
         code = find_photos(ctx, dir, params->images ? params->images : "images", shots);
     if (!code)
-        code = sg_shots_drop_missing(ctx, params, shots, images_path);
+        code = sg_shots_drop_missing(ctx, params, shots, m.images);
     if (!code)
-        code = read_points(ctx, dir, folder, params->max_points, points);
-    if (code)
-        goto done;
-    sg_shots_sort(shots);
-done:
-    sg_source_close(&in);
-    sg_free(cameras.items);
-    sg_free(cameras_path);
-    sg_free(images_path);
-    sg_free(folder);
+        code = read_points(ctx, dir, m.folder, params->max_points, points);
+    if (!code)
+        sg_shots_sort(shots);
+    sg_colmap_clear_model(&m);
     return code;
 }

@@ -11,7 +11,9 @@
 
 struct sg_colmap_camera {
     uint32_t id;
-    struct sg_lens lens;
+    int model;
+    double params[SG_COLMAP_PARAMS_MAX]; /* as many as the model has */
+    struct sg_lens lens;                 /* what they mean */
 };
 
 struct sg_colmap_cameras {
@@ -19,11 +21,20 @@ struct sg_colmap_cameras {
     size_t count, capacity;
 };
 
+/* Cameras and images; the latter are shots. */
+struct sg_colmap_model {
+    char *folder; /* where it is */
+    bool text;    /* its encoding */
+    char *images; /* the file of the images */
+    struct sg_colmap_cameras cameras;
+};
+
 /* colmap.c: shared by both encodings, and all checks with it. */
 
 /* Parameter count of a model number, and the number of a model name; -1 if there is none. */
 int sg_colmap_model_params(int model);
 int sg_colmap_model_find(const char *name);
+const char *sg_colmap_model_name(int model); /* there is one */
 int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *where,
                          uint32_t id, int model, uint64_t width, uint64_t height,
                          const double *params);
@@ -31,6 +42,14 @@ int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max,
                         const struct sg_colmap_cameras *cameras, const char *where, uint32_t camera,
                         const double q[4], const double t[3], const char *name);
 int sg_colmap_sort_cameras(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *file);
+/* Sorted ones; NULL if none has the id. */
+struct sg_colmap_camera *sg_colmap_find_camera(const struct sg_colmap_cameras *cameras,
+                                               uint32_t id);
+/* Reads the model in the sub-folder `name` of the scene, NULL = sparse/0 or else sparse. To be
+ * cleared, also after an error. */
+int sg_colmap_read_model(sg_ctx *ctx, const struct sg_folder *dir, const char *name,
+                         uint64_t max_images, struct sg_colmap_model *out, struct sg_shots *shots);
+void sg_colmap_clear_model(struct sg_colmap_model *model);
 
 /* Parsers, reading to the end of a file. */
 int sg_colmap_cameras_bin(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_cameras *out);
@@ -43,5 +62,12 @@ int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
                          const struct sg_colmap_cameras *cameras, struct sg_shots *out);
 int sg_colmap_points_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_points,
                          struct sg_points *out);
+
+/* colmap_write.c: a copy of the scene is in `folder`, whose photos have the sizes of the scene's
+ * views. Writes the cameras of the copy anew where these sizes are not theirs, as pinholes: no lens
+ * of the scene is distorted. A camera whose photos have several sizes stays as it is, as does a
+ * file in which no camera changes. */
+int sg_colmap_fit_cameras(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *dir,
+                          const char *folder);
 
 #endif

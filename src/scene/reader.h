@@ -40,11 +40,12 @@ struct sg_lens {
 enum sg_half { SG_HALF_BOTH, SG_HALF_LEFT, SG_HALF_RIGHT };
 
 struct sg_shot {
-    char *file;   /* as the scene file names the photo */
-    char *name;   /* base name up to the first dot */
-    char *path;   /* where the photo is; NULL until resolved */
-    char *mask;   /* where its mask is, or NULL */
-    char *camera; /* which one it was taken with, for messages */
+    char *file;         /* as the scene file names the photo */
+    char *name;         /* base name up to the first dot */
+    char *path;         /* where the photo is; NULL until resolved */
+    char *mask;         /* where its mask is, or NULL */
+    char *camera;       /* which one it was taken with, for messages */
+    uint32_t camera_id; /* of COLMAP */
     struct sg_lens lens;
     double R[9], t[3]; /* world to camera, as struct sg_camera */
     bool drop_alpha;   /* instead of compositing it */

@@ -112,7 +112,7 @@ for image in clean-photos/images/*; do cmp -s "$image" "png/images/${image##*/}"
 # Resized after poisoning: as a victim that resizes the poisoned photos itself. Or compressed.
 for layout in golden poisoned; do
     expect 0 attack $layout -o small $options --method noise --epsilon 0 --downscale 2 --save png --force
-    expect 0 train small -o victim-small $(once $short --force --iterations 20 --init-points 500)
+    expect 0 train small --strict -o victim-small $(once $short --force --iterations 20 --init-points 500)
     expect 0 train $layout --downscale 2 -o victim-large $(once $short --force --iterations 20 --init-points 500)
     cmp victim-small/point_cloud/iteration_20/point_cloud.ply victim-large/point_cloud/iteration_20/point_cloud.ply ||
         fail "$layout: resized before training and by it"
