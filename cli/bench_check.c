@@ -3,6 +3,7 @@
 #include <limits.h>
 #include <stdarg.h>
 #include <stddef.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "bench_plan.h"
@@ -76,38 +77,71 @@ static void unify_option(json_t *list, size_t i, const struct sg_option *option,
     json_array_set_new(list, i, json_string(name)); /* which frees the word */
 }
 
+/* Whether a command takes a value, which is set nowhere. expected: what it would take. Without
+ * memory nothing is refused. */
+static bool takes_value(const struct command *command, const struct sg_option *option,
+                        const char *text, char *expected, size_t size)
+{
+    void *config = calloc(1, command->config_size);
+    const bool takes = !config || sg_option_set(option, config, text, expected, size);
+    free(config);
+    return takes;
+}
+
+/* The value of the option that is text `at` of its list, or the next text. A plan can take weeks:
+ * it is refused before it begins, not by the job that has the option. */
+static int check_value(const struct reader *r, const json_t *value, const char *where, size_t at,
+                       bool inside, const struct command *command, const struct sg_option *option)
+{
+    char expected[256];
+    const char *text = json_string_value(value);
+    if (!value || (text && is_option(text)))
+        return plan_wrong(r, "%s[%zu]: --%s: found no value, expected %s", where, at, option->name,
+                          option->unit);
+    at += !inside;
+    if (!text)
+        return plan_wrong(r, "%s[%zu]: expected a text", where, at);
+    if (text[0] != '{')
+        return takes_value(command, option, text, expected, sizeof(expected))
+                   ? STATUS_DONE
+                   : plan_wrong(r, "%s[%zu]: --%s: found \"%.80s\", expected %s", where, at,
+                                option->name, text, expected);
+    if (!is_limit(value) && strcmp(text, "{preset}") != 0)
+        return plan_wrong(
+            r, "%s[%zu]: found %s, expected {clean}, {clean*X} with X from 0 to 1000, or {preset}",
+            where, at, text);
+    if (is_limit(value) && strncmp(where, DEFENSES ".", strlen(DEFENSES ".")))
+        return plan_wrong(r, "%s[%zu]: found %s, which only defenses can have", where, at, text);
+    return STATUS_DONE;
+}
+
 /* Options of a command, which are in their only form from here on. */
 static int read_options(const struct reader *r, json_t *list, const char *where,
                         const struct command *command)
 {
+    int code = STATUS_DONE;
     if (list && !json_is_array(list))
         return plan_wrong(r, "%s: expected a list of options", where);
-    for (size_t i = 0, at = 0; i < json_array_size(list); i++, at++) {
-        if (!json_is_string(json_array_get(list, i)))
+    for (size_t i = 0, at = 0; i < json_array_size(list) && !code; i++, at++) {
+        const char *word = json_string_value(json_array_get(list, i)), *near = NULL, *text;
+        if (!word)
             return plan_wrong(r, "%s[%zu]: expected a text", where, at);
-        const char *word = json_string_value(json_array_get(list, i)), *near, *text;
-        if (is_option(word)) {
-            const struct sg_option *known = options_find(command, word, &text, &near);
-            if (!known)
-                return plan_wrong(r, "%s[%zu]: found %.*s, expected an option of %s%s%s%s", where,
-                                  at, (int) strcspn(word, "="), word, command->name,
-                                  near ? "; did you mean --" : "", near ? near : "",
-                                  near ? "?" : "");
-            unify_option(list, i, known, text);
-            i += text != NULL;
-        }
-        const json_t *option = json_array_get(list, i);
-        if (!strncmp(json_string_value(option), "{", 1) && !is_limit(option) &&
-            strcmp(json_string_value(option), "{preset}") != 0)
-            return plan_wrong(
-                r,
-                "%s[%zu]: found %s, expected {clean}, {clean*X} with X from 0 to 1000, or {preset}",
-                where, at, json_string_value(option));
-        if (is_limit(option) && strncmp(where, DEFENSES ".", strlen(DEFENSES ".")))
-            return plan_wrong(r, "%s[%zu]: found %s, which only defenses can have", where, at,
-                              json_string_value(option));
+        const struct sg_option *known =
+            is_option(word) ? options_find(command, word, &text, &near) : NULL;
+        if (!known)
+            return plan_wrong(r, "%s[%zu]: found %.*s, expected an option of %s%s%s%s", where, at,
+                              (int) strcspn(word, "="), word, command->name,
+                              near ? "; did you mean --" : "", near ? near : "", near ? "?" : "");
+        const bool inside = text;
+        if (known->type == SG_OPTION_FLAG && inside)
+            return plan_wrong(r, "%s[%zu]: --%s takes no value", where, at, known->name);
+        unify_option(list, i, known, text);
+        if (known->type == SG_OPTION_FLAG)
+            continue;
+        code = check_value(r, json_array_get(list, ++i), where, at, inside, command, known);
+        at += !inside;
     }
-    return STATUS_DONE;
+    return code;
 }
 
 /* A list of names in a block of runs: of entries of the table of the same name. */
@@ -210,10 +244,13 @@ static int check_scenes(const struct reader *r)
                      {"options", &command_train},
                      {"train", &command_train},
                      {"attack", &command_attack}};
-        for (int i = 0; i < 5 && !code; i++)
+        for (int i = 0; i < 5 && !code; i++) {
+            snprintf(where, sizeof(where), "scenes.%.80s.%s", name, lists[i].list);
             code = read_options(r, json_object_get(scene, lists[i].list), where, lists[i].command);
+        }
         if (code)
             return code;
+        snprintf(where, sizeof(where), "scenes.%.80s", name);
         if (json_object_get(scene, "preset") && !json_is_string(json_object_get(scene, "preset")))
             return plan_wrong(r, "%s.preset: expected a text", where);
         if (!json_object_get(scene, "synth") == !json_is_string(json_object_get(scene, "path")))
@@ -242,10 +279,13 @@ static int check_lists(const struct reader *r, const char *table)
         snprintf(where, sizeof(where), "%s.%.80s", table, name);
         if (json_is_object(value) && !strcmp(table, DEFENSES)) {
             code = check_keys(r, value, where, "train|prune|from");
+            snprintf(where, sizeof(where), "%s.%.80s.train", table, name);
             if (!code)
                 code = read_options(r, json_object_get(value, "train"), where, &command_train);
+            snprintf(where, sizeof(where), "%s.%.80s.prune", table, name);
             if (!code)
                 code = read_options(r, json_object_get(value, "prune"), where, &command_prune);
+            snprintf(where, sizeof(where), "%s.%.80s", table, name);
             const json_t *from = json_object_get(value, "from");
             if (!code && !json_object_get(value, "train") == !json_object_get(value, "prune"))
                 code = plan_wrong(
@@ -282,10 +322,14 @@ static int read_settings(const struct reader *r)
     char expected[128] = "a text";
     const json_int_t count = threads ? json_integer_value(threads) : 1;
     const json_t *engine = json_object_get(p->root, "engine");
+    const char *text, *near;
+    const struct sg_option *row = options_find(&command_train, "--engine", &text, &near);
     p->alone = json_is_true(json_object_get(p->root, "alone"));
     p->engine = json_string_value(engine);
     if (engine && !p->engine)
         return plan_wrong(r, "engine: expected a text");
+    if (engine && !takes_value(&command_train, row, p->engine, expected, sizeof(expected)))
+        return plan_wrong(r, "engine: found \"%.80s\", expected %s", p->engine, expected);
     if (count < 1 || count > 256)
         return plan_wrong(r, "threads: expected a whole number from 1 to 256");
     p->threads = (int) count;

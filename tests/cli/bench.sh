@@ -125,11 +125,11 @@ expect 2 bench stuck.json -o stuck.db -q; says 'checkpoint.bin: found less than'
 expect 0 bench stuck.json -o stuck.db -q --retry
 
 # What changed runs; what fails is a row.
-plan plan.json $n ', "bad": ["--rho", "7"]'
+plan plan.json $n ', "bad": ["--defense", "spectral", "--band-low", "0.9", "--band-high", "0.5"]'
 expect 2 bench plan.json -o once.db -q
 says '8 jobs were done before, 0 are done now, 2 failed'
 grep -q 'have failed before' err && fail "what failed now has not failed before"
-[ "$(ask once.db "select count(*) from job where status='failed' and exit_status=1 and message like '%--rho%'")" -eq 2 ] || fail "no row for a failure"
+[ "$(ask once.db "select count(*) from job where status='failed' and exit_status=1 and message like '%--band-high%'")" -eq 2 ] || fail "no row for a failure"
 expect 2 bench plan.json -o once.db -q
 says '0 failed'; says '2 jobs have failed before; --retry runs them again'
 # A scene in another layout is another scene, with other runs.
@@ -283,7 +283,7 @@ mistake 's/"timeout"/"alone": "yes", &/' 'alone: expected true or false'
 mistake 's/"synth".*/"path": "nowhere"}},/' 'scenes.s: found no file in ./nowhere, expected the scene below the plan'; says 'that of --data'
 mistake 's/"train": \["--iterations"/"train": ["--iteration"/' 'train[0]: found --iteration, expected an option of train; did you mean --iterations?'
 mistake 's/"--epsilon", "16"/"--eps=16", "-Z"/' 'photos.noise[2]: found --eps, expected an option of attack; did you mean --epsilon?'
-mistake 's/"--finetune", "5"/"--cap-max", "5"/' 'defenses.lg[0]: found --cap-max, expected an option of prune'
+mistake 's/"--finetune", "5"/"--cap-max", "5"/' 'defenses.lg.prune[0]: found --cap-max, expected an option of prune'
 mistake 's/"size": \[/&"--smooth", "gaussian", /' 'scenes.s.size: found --smooth, expected an option of eval too'
 mistake 's/"size"/"options": ["-w"], &/' 'scenes.s.options: found --white-background, expected an option of attack too'
 mistake 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' 'photos.bad[1]: found {clean*2}, which only defenses can have'
@@ -293,7 +293,17 @@ for limit in '{clean*-1}' '{clean*nan}' '{clean*0.5' '{claen}'; do
 done
 mistake 's/"lg": {/"lg": {"train": [], /' 'defenses.lg: expected either train or prune'
 mistake 's/"off": \[\]/"off": ["--max-gaussians", "{clean}"]/' 'defenses.off: expected []'
-sed 's/\["--method", "noise", "--epsilon", "16"\]/["--method"]/' plan.json >bad.json
-expect 0 bench bad.json --list
+# Values too, before weeks of jobs begin.
+mistake 's/\["--method", "noise", "--epsilon", "16"\]/["--method"]/' 'photos.noise[0]: --method: found no value, expected'
+mistake 's/"--epsilon", "16"/"--epsilon=1O"/' 'photos.noise[2]: --epsilon: found "1O", expected a whole number of grey levels'
+mistake 's/"--iterations", "[0-9]*"/"--iterations", "--seed"/' 'train[0]: --iterations: found no value, expected'
+mistake 's/"--iterations", "[0-9]*"/"--iterations", 60/' 'train[1]: expected a text'
+mistake 's/"--points", "200"/"--points"/' 'scenes.s.synth[8]: --points: found no value'
+mistake 's/"--finetune", "5"/"--finetune", "5", "10"/' 'defenses.lg.prune[2]: found 10, expected an option of prune'
+mistake 's/"size": \[/&"--test-halves=yes", /' 'scenes.s.size[0]: --test-halves takes no value'
+mistake 's/"engine": "[^"]*", //; s/"timeout"/"engine": "cpuu", &/' 'engine: found "cpuu", expected one of cpu|'
+for plan in "$source_dir"/bench/plans/*.json; do
+    "$tool" bench "$plan" --list --data "$work" >out 2>err || says 'found no file in'
+done
 [ ! -e x.db ] || fail "a bad plan made a database"
 expect 1 bench plan.json; says 'missing -o DB'

@@ -5,7 +5,7 @@ cat >plan.json <<END
 {$plan_engine"pictures": true, "train": ["--iterations", "20", "--init-points", "100", "--log-every", "5"],
  "scenes": {"s": {"synth": ["--width", "48", "--height", "36", "--train-views", "4", "--test-views", "2", "--points", "100", "--samples", "1"]}},
  "photos": {"clean": [], "noise": ["--method", "noise", "--epsilon", "16"]},
- "defenses": {"off": [], "lg": {"prune": ["--finetune", "5"]}, "bad": ["--rho", "7"]}, "models": {"default": []},
+ "defenses": {"off": [], "lg": {"prune": ["--finetune", "5"]}, "bad": ["--defense", "spectral", "--band-low", "0.9", "--band-high", "0.5"]}, "models": {"default": []},
  "runs": [{"scenes": ["s"], "photos": ["clean", "noise"], "defenses": ["off", "lg", "bad"], "models": ["default"], "seeds": [1, 2]}]}
 END
 "$tool" bench plan.json -o r.db -q 2>err
@@ -22,7 +22,7 @@ for file in report.md results.csv report.html; do [ -s page/$file ] || fail "no 
 mean=$(ask "select printf('%.2f', avg(value)) from metric join cell using(key) where name='eval.psnr' and photos='noise' and defense='off'")
 grep -q "^| off | 2 |.* $mean ± " page/report.md || fail "the tables lack $mean: $(cat page/report.md)"
 grep -q '^| bad | 0 of 2 | failed |' page/report.md || fail "a cell without a run does not say so"
-grep -q 's, clean, bad, default, seed 1 | failed | splatguard train: --rho' page/report.md || fail "no reason for a failure"
+grep -q 's, clean, bad, default, seed 1 | failed | splatguard train: --band-high' page/report.md || fail "no reason for a failure"
 grep -qE '(src|href)=|@import|fetch\(' page/report.html && fail "the page refers to something elsewhere"
 
 # Ratios are to the clean run of the same seed.
@@ -30,7 +30,7 @@ ratio=$(ask "select printf('%.2f', avg(1.0 * a.value / b.value)) from metric a j
     join cell d on d.key=b.key and d.seed=c.seed where a.name='max_gaussians' and c.photos='noise' and c.defense='off' and d.photos='clean' and d.defense='off'")
 grep -q "^| off | 2 | [0-9]* ± [0-9]* | $ratio ± " page/report.md || fail "not $ratio of the clean runs: $(cat page/report.md)"
 grep -qF '| off | 1.00 | '"$ratio"' |' page/report.md || fail "no photos side by side: $(cat page/report.md)"
-for row in 'bad | --rho 7' 'lg | prune off: --finetune 5' 's | --width 48 --height 36 --train-views 4 --test-views 2 --points 100 --samples 1'; do
+for row in 'bad | --defense spectral --band-low 0.9 --band-high 0.5' 'lg | prune off: --finetune 5' 's | --width 48 --height 36 --train-views 4 --test-views 2 --points 100 --samples 1'; do
     grep -qF "| $row |" page/report.md || fail "the page lacks the plan's $row"
 done
 grep -q 'Next to the paper' page/report.md && fail "a scene that is made is none of the paper's"
