@@ -232,7 +232,9 @@ static int serve(struct viewed *v, const struct view_config *c, const char *plac
         code = view_publish_scene(&v->pictures, server, place, false);
     if (!code) {
         printf("%s\n", view_server_address(server));
-        fflush(stdout);
+        code = flush_output(STATUS_DONE); /* else nobody would know it */
+    }
+    if (!code) {
         if (!c->m.quiet)
             say(stderr, "open this address in a browser of this machine; Ctrl-C ends the view\n");
         if (c->open)

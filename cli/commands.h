@@ -53,6 +53,12 @@ int check_written(const struct command *c, const char *out, enum sg_model_format
 /* Says that the command itself could not allocate something small; returns the exit code 3. */
 int no_memory(void);
 
+/* Writes what is printed so far. Output that cannot be written is a failure too: it is said once,
+ * but not of a pipe without a reader, as behind `| head`. Returns the code, or another where that
+ * is 0.
+ */
+int flush_output(int code);
+
 /* Prints and releases a value, on one line or indented. Returns an exit code. */
 int json_print(json_t *value, int indent);
 json_t *numbers_json(const double *values, int n);

@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <ctype.h>
-#include <errno.h>
 #include <fcntl.h>
-#include <poll.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -153,25 +151,6 @@ static int unknown_shell(const char *name)
     return STATUS_USAGE;
 }
 
-/* Nobody reads the other end of a pipe any more. */
-static bool is_reader_gone(void)
-{
-    struct pollfd out = {.fd = STDOUT_FILENO, .events = POLLOUT};
-    return poll(&out, 1, 0) == 1 && out.revents & POLLERR;
-}
-
-/* Output that could not be written is a failure too, of which `| head` needs no message. */
-static int flushed(int code)
-{
-    errno = 0;
-    if (!fflush(stdout) && !ferror(stdout))
-        return code;
-    if (!is_reader_gone())
-        say(stderr, "splatguard: standard output: cannot write: %s\n",
-            strerror(errno ? errno : EIO));
-    return code ? code : STATUS_INPUT;
-}
-
 /* If the caller closed a standard stream, no file may get its number. Writing to standard output
  * then fails. */
 static bool hold_standard_streams(void)
@@ -192,7 +171,7 @@ int main(int argc, char **argv)
     signal(SIGXFSZ, SIG_IGN);
     if (!strcmp(name, "--version") || !strcmp(name, "-V") || !strcmp(name, "version")) {
         printf("splatguard %s\n", sg_version());
-        return flushed(0);
+        return flush_output(0);
     }
     if (!strcmp(name, "--help") || !strcmp(name, "-h") || !strcmp(name, "help")) {
         const char *of = argc > 3 ? argv[3] : "";
@@ -214,9 +193,9 @@ int main(int argc, char **argv)
             return unknown(argv[2]);
         else
             usage(argc > 1 ? stdout : stderr);
-        return argc > 1 ? flushed(0) : STATUS_USAGE;
+        return argc > 1 ? flush_output(0) : STATUS_USAGE;
     }
     if (find(name))
-        return flushed(run(find(name), argc - 2, argv + 2));
+        return flush_output(run(find(name), argc - 2, argv + 2));
     return unknown(name);
 }

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The tool's output: text and JSON. */
+#include <errno.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "commands.h"
 
@@ -32,6 +35,26 @@ void say(FILE *to, const char *format, ...)
     if (n >= 0)
         fputs(text, to);
     free(text);
+}
+
+/* Nobody reads the other end of a pipe any more. */
+static bool is_reader_gone(void)
+{
+    struct pollfd out = {.fd = STDOUT_FILENO, .events = POLLOUT};
+    return poll(&out, 1, 0) == 1 && out.revents & POLLERR;
+}
+
+int flush_output(int code)
+{
+    static bool said;
+    errno = 0;
+    if (!fflush(stdout) && !ferror(stdout))
+        return code;
+    if (!said && !is_reader_gone())
+        say(stderr, "splatguard: standard output: cannot write: %s\n",
+            strerror(errno ? errno : EIO));
+    said = true;
+    return code ? code : STATUS_INPUT;
 }
 
 void put_word(FILE *to, const char *text)

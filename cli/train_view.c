@@ -43,8 +43,9 @@ int train_view_open(int port, struct train_view **out)
         code = view_server_open(v->pictures.own, port, &v->server);
     if (!code) {
         printf("%s\n", view_server_address(v->server));
-        fflush(stdout);
-    } else
+        code = flush_output(STATUS_DONE);
+    }
+    if (code)
         train_view_close(out);
     return code;
 }

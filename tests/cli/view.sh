@@ -25,6 +25,14 @@ rm broken/libmicrohttpd.so.12 && : >broken/libmicrohttpd.so.12
 LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 train scene/blender -o unseen --view; says 'no HTTP server'
 [ ! -e unseen ] || fail "a training that nobody can look at has begun"
 command -v python3 >/dev/null || { echo "skipped: no Python"; exit 77; }
+if [ -w /dev/full ]; then # nobody would know the address
+    for arguments in "view run" "train scene/blender -o unseen -q --view"; do
+        timeout 60 "$tool" $arguments >/dev/full 2>err
+        [ $? = 2 ] || fail "$arguments: goes on without having printed its address"
+        [ "$(grep -c 'standard output: cannot write: No space left' err)" = 1 ] || fail "not said once"
+    done
+    [ ! -e unseen ] || fail "a training that nobody can look at has begun"
+fi
 expect 1 view; says 'missing argument'
 expect 1 view run --port 70000; says '--port'
 expect 1 view scene/blender --scene scene/blender; says 'found two scenes'
