@@ -80,14 +80,7 @@ static int run_convert(const void *config, const bool *given, const char *const 
     }
     if (check_iteration(&command_convert, positional[0], c->iteration))
         return STATUS_USAGE;
-    if (!c->file.format && !(c->file.format = sg_model_format_of(out))) {
-        say(stderr,
-            "splatguard convert: %s: found no known ending, expected .ply, .compressed.ply, "
-            ".splat, .spz, .sog or .glb, or --format\n",
-            out);
-        return STATUS_USAGE;
-    }
-    if (check_written(&command_convert, out, c->file.format))
+    if (choose_format(&command_convert, out, &c->file.format))
         return STATUS_USAGE;
     if (options_given(&command_convert, given, M(file.spz_version)) &&
         c->file.format != SG_MODEL_SPZ) {

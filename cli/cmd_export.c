@@ -31,8 +31,11 @@ static int run_export(const void *config, const bool *given, const char *const *
     struct model_views v;
     struct sg_model *baked = NULL;
     const char *out = positional[1];
+    struct sg_model_file file = sg_model_file_default();
     if (!c->view_independent)
         return missing(&command_export, "--view-independent, the only way of export so far");
+    if (choose_format(&command_export, out, &file.format))
+        return STATUS_USAGE;
     interrupt_catch();
     int code = model_views_open(&v, positional[0], &command_export, given, c, &c->m);
     if (!code && sg_model_gaussians(v.model) == v.model->count) {
@@ -51,7 +54,7 @@ static int run_export(const void *config, const bool *given, const char *const *
         if (!error && interrupted())
             error = SG_ERR_INTERRUPTED;
         if (!error)
-            error = sg_model_write(v.ctx, baked, out, NULL);
+            error = sg_model_write(v.ctx, baked, out, &file);
         code = report_model(v.ctx, positional[0], error);
     }
     if (!code && !c->m.quiet)

@@ -106,10 +106,7 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path, const ch
     struct sg_prune_result result = {0};
     struct progress progress = {.quiet = c->quiet, .iterations = c->prune.finetune};
     struct sg_model_file file = sg_model_file_default();
-    file.format = sg_model_format_of(c->output);
-    if (file.format == SG_MODEL_AUTO)
-        file.format = SG_MODEL_PLY;
-    if (check_written(&command_prune, c->output, file.format))
+    if (choose_format(&command_prune, c->output, &file.format))
         return STATUS_USAGE;
     interrupt_catch();
     int error = sg_output_check_file(ctx, c->output);

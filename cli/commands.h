@@ -47,8 +47,9 @@ int missing(const struct command *c, const char *what);
 /* --iteration belongs to runs. Returns an exit code. */
 int check_iteration(const struct command *c, const char *model, int iteration);
 
-/* Refuses to write a model in a format that is only read. Returns an exit code. */
-int check_written(const struct command *c, const char *out, enum sg_model_format format);
+/* The format of a model to write: by the file's ending, unless another is given. Refuses one that
+ * is only read. To be called before anything takes its time. Returns an exit code. */
+int choose_format(const struct command *c, const char *out, enum sg_model_format *format);
 
 /* Says that the command itself could not allocate something small; returns the exit code 3. */
 int no_memory(void);

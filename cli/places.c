@@ -101,11 +101,19 @@ int check_iteration(const struct command *c, const char *model, int iteration)
     return STATUS_USAGE;
 }
 
-int check_written(const struct command *c, const char *out, enum sg_model_format format)
+int choose_format(const struct command *c, const char *out, enum sg_model_format *format)
 {
-    if (format != SG_MODEL_KSPLAT)
+    if (*format == SG_MODEL_AUTO)
+        *format = sg_model_format_of(out);
+    if (*format == SG_MODEL_AUTO)
+        say(stderr,
+            "splatguard %s: %s: found no known ending, expected .ply, .compressed.ply, .splat, "
+            ".spz, .sog or .glb%s\n",
+            c->name, out, c == &command_convert ? ", or --format" : "");
+    else if (*format == SG_MODEL_KSPLAT)
+        say(stderr, "splatguard %s: %s: found format %s, which is only read\n", c->name, out,
+            sg_model_format_name(*format));
+    else
         return STATUS_DONE;
-    say(stderr, "splatguard %s: %s: found format %s, which is only read\n", c->name, out,
-        sg_model_format_name(format));
     return STATUS_USAGE;
 }

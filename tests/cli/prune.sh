@@ -21,6 +21,8 @@ cmp lightgaussian.ply same.ply || fail "another number of threads, another model
 expect 0 prune run --ratio 0.5 --finetune 0 -o small.splat -q
 [ $(($(wc -c <small.splat) % 32)) -eq 0 ] && expect 0 info small.splat || fail "the format is not that of the ending"
 expect 1 prune run --ratio 0.5 --finetune 0 -o small.ksplat -q; says 'only read'
+expect 1 prune run --ratio 0.5 --finetune 0 -o small.xyz -q; says 'small.xyz: found no known ending'
+[ ! -e small.xyz ] || fail "a model in a format that nobody named"
 
 # A run brings what the command line does not say.
 expect 0 prune run --ratio 0.5 --finetune 20 -o own.ply -q
@@ -53,9 +55,9 @@ expect 2 prune mip --finetune 0 -o x.ply; says 'mip: found a run of another --mo
 
 # Nothing is half-written or lost.
 expect 2 prune run --finetune 0 -o scene/blender/out.ply; says 'scene'
-echo mine >mine.txt
-expect 2 prune run --finetune 0 -o mine.txt; says 'mine.txt'
-grep -q mine mine.txt || fail "another's file is gone"
+echo mine >mine.ply
+expect 2 prune run --finetune 0 -o mine.ply; says 'mine.ply'
+grep -q mine mine.ply || fail "another's file is gone"
 expect 1 prune $model -o x.ply; says 'missing --scene SCENE'
 expect 1 prune run; says 'missing -o OUT.ply'
 expect 1 prune $model --scene scene/blender --iteration 5 -o x.ply; says "expected a run's folder"
