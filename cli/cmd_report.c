@@ -58,8 +58,10 @@ static int write_file(const char *folder, const char *name, const void *what,
                       int (*put)(FILE *, const void *))
 {
     char path[PATH_MAX];
-    if (snprintf(path, sizeof(path), "%s/%s", folder, name) >= (int) sizeof(path) - 8)
-        return STATUS_USAGE;
+    if (snprintf(path, sizeof(path), "%s/%s", folder, name) >= (int) sizeof(path) - 32) {
+        say(stderr, "splatguard report: %s: the name is too long\n", folder);
+        return STATUS_INPUT;
+    }
     return write_whole("report", path, what, put);
 }
 

@@ -77,11 +77,12 @@ int write_whole(const char *command, const char *path, const void *what,
     FILE *f = fopen(temporary, "wx");
     errno = f ? 0 : errno;
     const int code = f ? put(f, what) : STATUS_DONE;
-    const bool whole = f && !code && !fflush(f) && !ferror(f) && !fsync(fileno(f));
+    const bool whole =
+        f && !code && !fflush(f) && !ferror(f) && !fsync(fileno(f)) && !rename(temporary, path);
     const int error = errno;
     if (f)
         fclose(f);
-    if (whole && !rename(temporary, path))
+    if (whole)
         return STATUS_DONE;
     if (!code)
         say(stderr, "splatguard %s: %s: cannot write: %s\n", command, path,

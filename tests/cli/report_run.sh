@@ -10,6 +10,10 @@ expect 0 report "$name" -o page -q
 [ "$(ls page)" = report.html ] || fail "the folder has $(ls page)"
 expect 3 report "$name" -o none --max-memory 1M; says 'expected at least'
 [ ! -e none ] || fail "a report without memory left something"
+rm page/report.html && mkdir page/report.html
+expect 2 report "$name" -o page -q; says 'page/report.html: cannot write: Is a directory'
+[ -z "$(find page -name '*.tmp*')" ] || fail "a page without a name is left"
+rmdir page/report.html; expect 0 report "$name" -o page -q
 page=page/report.html
 grep -q '<img src=x' $page && fail "a name is an element"
 sed 's/src=x//g' $page | grep -oE '(src|href)=.{12}|@import|url\(' | grep -v 'src="data:image' && fail "the page refers to something elsewhere"
