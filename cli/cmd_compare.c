@@ -143,14 +143,26 @@ static bool is_count(int metric, double value)
     return metrics[metric].whole && fabs(value) < 9e15 && value == floor(value);
 }
 
+/* The end of a path, of at most 20 bytes and whole characters. */
+static void print_name(const char *path)
+{
+    char *text = strdup(path);
+    if (text)
+        make_printable(text); /* a line end in it too */
+    const size_t length = text ? strlen(text) : 0;
+    const char *end = text ? text + (length > 20 ? length - 20 : 0) : "";
+    while ((*end & 0xc0) == 0x80)
+        end++;
+    printf("  %20s", end);
+    free(text);
+}
+
 static int print_table(const struct run *runs, int n)
 {
     char text[64];
     printf("%-24s", "");
-    for (int i = 0; i < n; i++) {
-        const size_t length = strlen(runs[i].path);
-        printf("  %20s", length > 20 ? runs[i].path + length - 20 : runs[i].path);
-    }
+    for (int i = 0; i < n; i++)
+        print_name(runs[i].path);
     printf("\n");
     for (int m = 0; m < METRICS; m++) {
         printf("%-24s", metrics[m].title);
@@ -250,10 +262,7 @@ static int print_csv(const struct run *runs, int n)
         printf(",%s", metrics[m].key);
     printf("\n");
     for (int i = 0; i < n; i++) {
-        printf("\"");
-        for (const char *p = runs[i].path; *p; p++)
-            printf(*p == '"' ? "\"\"" : "%c", *p);
-        printf("\"");
+        put_csv_text(stdout, runs[i].path);
         for (int m = 0; m < METRICS; m++)
             if (isfinite(runs[i].value[m]))
                 printf(is_count(m, runs[i].value[m]) ? ",%.0f" : ",%.10g", runs[i].value[m]);

@@ -65,7 +65,7 @@ static void print_percentiles(const char *title, const double *values)
 
 static void print_text(const char *path, const struct sg_model_info *i, uint64_t gaussians)
 {
-    printf("%s\n", path);
+    say(stdout, "%s\n", path);
     if (gaussians > i->count)
         printf("  anchors    %zu, of which networks make up to %" PRIu64 " Gaussians in a view\n",
                i->count, gaussians);

@@ -38,6 +38,10 @@ void say_resume(const char *command, const char *folder);
 /* Text as one word of a shell. */
 void put_word(FILE *to, const char *text);
 
+/* A text as a cell of comma-separated values. Spreadsheets compute what begins like a formula: a
+ * quote before it makes it a text. */
+void put_csv_text(FILE *f, const char *text);
+
 /* The path of this program, for commands that start it again. Returns an exit code. */
 int own_program(const struct command *c, char *path, size_t size);
 

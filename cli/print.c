@@ -65,6 +65,21 @@ void put_word(FILE *to, const char *text)
     fputs("'", to);
 }
 
+void put_csv_text(FILE *f, const char *text)
+{
+    const bool quoted = strpbrk(text, ",\"\n\r");
+    fputs(quoted ? "\"" : "", f);
+    fputs(*text && strchr("=+-@", *text) ? "'" : "", f);
+    for (const char *c = text; *c;) {
+        char shown[SG_CHARACTER];
+        const size_t n = sg_take_printable(&c, shown);
+        if (*shown == '"')
+            fputc('"', f);
+        fwrite(shown, 1, n, f);
+    }
+    fputs(quoted ? "\"" : "", f);
+}
+
 void say_resume(const char *command, const char *folder)
 {
     static const char plain[] =

@@ -293,22 +293,6 @@ void put_tables(FILE *f, const struct report *r, enum format format)
     put_plans(f, r, format);
 }
 
-/* Spreadsheets compute what begins like a formula: a quote before it makes it a text. */
-static void put_csv_text(FILE *f, const char *text)
-{
-    const bool quoted = strpbrk(text, ",\"\n\r");
-    fputs(quoted ? "\"" : "", f);
-    fputs(*text && strchr("=+-@", *text) ? "'" : "", f);
-    for (const char *c = text; *c;) {
-        char shown[SG_CHARACTER];
-        const size_t n = sg_take_printable(&c, shown);
-        if (*shown == '"')
-            fputc('"', f);
-        fwrite(shown, 1, n, f);
-    }
-    fputs(quoted ? "\"," : ",", f);
-}
-
 void put_csv(FILE *f, const struct report *r)
 {
     fprintf(f, "plan,scene,photos,defense,model,seed,status,alone,commit,machine,engine,seconds");
@@ -319,13 +303,13 @@ void put_csv(FILE *f, const struct report *r)
         const struct result *x = &r->results[i];
         const char *const texts[] = {x->plan, x->scene, x->photos, x->defense, x->model};
         for (int k = 0; k < 5; k++)
-            put_csv_text(f, texts[k]);
+            put_csv_text(f, texts[k]), fputc(',', f);
         fprintf(f, "%d,", x->seed);
         put_csv_text(f, *x->status ? x->status : "not run");
-        fprintf(f, "%d,", x->alone);
-        put_csv_text(f, x->commit);
-        put_csv_text(f, x->machine);
-        put_csv_text(f, x->engine);
+        fprintf(f, ",%d,", x->alone);
+        put_csv_text(f, x->commit), fputc(',', f);
+        put_csv_text(f, x->machine), fputc(',', f);
+        put_csv_text(f, x->engine), fputc(',', f);
         if (isfinite(x->seconds))
             fprintf(f, "%.3f", x->seconds);
         for (int m = 0; m < M_METRICS; m++) {

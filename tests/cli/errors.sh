@@ -55,6 +55,15 @@ expect 0 audit named --json --report named.html -q
 grep -qF 'a\u009B\u007f' out || fail "no such name: $(cat out)"
 LC_ALL=C grep -q "$(printf '\302\233\|\177')" out named.html && fail "control characters of a name reach the terminal or the page"
 
+# Nor can the name of a stranger's folder, as runs/* may have it; what a column has room for are whole characters.
+strange=$(printf 'a\303\244456789012345\033[31m\nx')
+cp -r run "$strange"
+expect 0 info "$strange"; grep -q "$(printf '\033')" out && fail "control characters of a folder reach the terminal"
+expect 0 compare run "$strange"; head -n 1 out | LC_ALL=C grep -q '   456789012345?\[31m?x$' || fail "compare prints $(head -n 1 out | cat -v)"
+cp -r run '=1+1,"'
+expect 0 compare '=1+1,"' "$strange" --csv
+sed -n 2p out | grep -q "^\"'=1+1,\"\"\",[0-9]" && ! grep -q "$(printf '\033')" out || fail "compare --csv prints $(cat -v out)"
+
 mkdir hostile; mkfifo hostile/summary.json hostile/config.json hostile/report
 expect 2 compare hostile; says 'hostile/summary.json'
 expect 2 train --resume hostile; says 'hostile/config.json'
