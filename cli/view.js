@@ -239,7 +239,7 @@ function wipe(by) {
 }
 
 addEventListener('keydown', event => {
-    const inField = ['SELECT', 'INPUT', 'BUTTON', 'SUMMARY'].includes(event.target.tagName);
+    const inField = ['SELECT', 'INPUT'].includes(event.target.tagName); // a button takes Enter and the space bar, no key of ours
     if (!scene || event.ctrlKey || event.altKey || event.metaKey || inField) return;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (key >= '1' && key <= '8') {

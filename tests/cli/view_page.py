@@ -35,6 +35,9 @@ try:
     b.evaluate("canvas.focus()")
     for key in ("ArrowLeft", "ArrowDown", "w", "a", "q", "]", "2", "4", "6", "8", "1", ".", "m", "ArrowUp", "d", "r"):
         after(lambda key=key: b.key(key), {"m": "mode"}.get(key, key))
+    b.evaluate("$('next').focus()")  # as after a click
+    after(lambda: b.key("w"), "w on a button")
+    b.evaluate("canvas.focus()")
     for script in ("$('next').click()", "$('previous').click()", "canvas.dispatchEvent(new WheelEvent('wheel', {deltaY: 100}))"):
         after(lambda script=script: b.evaluate(script), script)
     b.key("8")
