@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <signal.h>
 #include <spawn.h>
 #include <stdlib.h>
 #include <string.h>
@@ -145,8 +146,13 @@ static char *open_browser(const char *address)
      * not for it. */
     char *arguments[] = {(char *) "xdg-open", path, NULL};
     posix_spawnattr_t apart;
+    sigset_t ignored; /* here, but not by a browser and what it starts */
+    sigemptyset(&ignored);
+    sigaddset(&ignored, SIGPIPE);
+    sigaddset(&ignored, SIGXFSZ);
     posix_spawnattr_init(&apart);
-    posix_spawnattr_setflags(&apart, POSIX_SPAWN_SETPGROUP);
+    posix_spawnattr_setsigdefault(&apart, &ignored);
+    posix_spawnattr_setflags(&apart, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGDEF);
     const int error =
         !f || errno ? errno : posix_spawnp(&child, arguments[0], NULL, &apart, arguments, environ);
     posix_spawnattr_destroy(&apart);

@@ -82,6 +82,7 @@ cat >browser/xdg-open <<'END'
 #!/bin/sh
 cp "$1" redirect
 ps -o pgid= -p $$ >group
+awk '/^SigIgn:/ { print $2 }' /proc/$$/status >ignored
 echo $$ >browser.pid
 exec sleep 60
 END
@@ -91,6 +92,7 @@ wait_for browser.pid
 python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a page that a browser has opened"
 grep -qF "url=$address" redirect || fail "the browser gets another address: $(cat redirect)"
 [ "$(cat group)" -eq "$(cat browser.pid)" ] || fail "the browser is in the view's process group"
+[ $((0x$(cat ignored) & 0x1001000)) -eq 0 ] || fail "the browser ignores SIGPIPE or SIGXFSZ: $(cat ignored)"
 end
 kill "$(cat browser.pid)"
 ls splatguard-*.html 2>/dev/null && fail "the address is left behind"
