@@ -419,7 +419,12 @@ static int add_block(struct reader *r, const json_t *block)
 int plan_read(struct plan *p, const char *path, const char *data, int shard, int shards)
 {
     json_error_t error;
-    *p = (struct plan){.root = json_load_file(path, JSON_REJECT_DUPLICATES, &error)};
+    *p = (struct plan){0};
+    if (is_folder(path)) {
+        say(stderr, "splatguard bench: %s: found a folder, expected the file of a plan\n", path);
+        return STATUS_INPUT;
+    }
+    p->root = json_load_file(path, JSON_REJECT_DUPLICATES, &error);
     if (!p->root) {
         if (error.line > 0)
             say(stderr, "splatguard bench: %s: line %d, column %d: %s\n", path, error.line,

@@ -273,6 +273,7 @@ cmp once.db torn.db || fail "a damaged database has changed"
 
 # Plans with mistakes: what sed makes of the plan, and what is said.
 mistake() { sed "$1" plan.json >bad.json; expect 2 bench bad.json -o x.db; says "$2"; }
+expect 2 bench . -o x.db; says '.: found a folder, expected the file of a plan'
 echo '{"scenes": 3' >bad.json; expect 2 bench bad.json -o x.db; says 'bad.json: line'
 mistake 's/"off", "half"/"off", "helf"/' 'runs[0].defenses[1]: found helf, expected a name of defenses'
 mistake 's/"timeout"/"timeuot"/' 'found "timeuot"'
