@@ -14,6 +14,9 @@ static struct {
     uint64_t whole, outside;
 } memory;
 
+/* The instruction set is that of SG_CPU, not of --cpu. */
+static bool variant_from_environment;
+
 /* The line on the terminal of a stage. Only the thread that calls the library has to do with it. */
 static struct {
     enum sg_stage stage;
@@ -63,9 +66,10 @@ void say_limit(const char *message)
 int report_option(const sg_ctx *ctx, const struct command *command, int error)
 {
     const char *message = error ? sg_last_error(ctx) : "", *name = options_name(command, message);
+    const bool environment = name && !strcmp(name, "cpu") && variant_from_environment;
     if (error == SG_ERR_USAGE && name)
-        say(stderr, "splatguard %s: --%s%s\n", command->name, name,
-            message + strcspn(message, ":"));
+        say(stderr, "splatguard %s: %s%s%s\n", command->name, environment ? "SG_CPU" : "--",
+            environment ? "" : name, message + strcspn(message, ":"));
     else if (error)
         return report(ctx, error);
     return exit_code(error);
@@ -190,5 +194,6 @@ int open_engine_context(sg_ctx **ctx, int threads, uint64_t max_memory, uint64_t
 const char *cpu_variant(const char *option)
 {
     const char *environment = getenv("SG_CPU");
-    return option ? option : environment && environment[0] ? environment : NULL;
+    variant_from_environment = !option && environment && environment[0];
+    return variant_from_environment ? environment : option;
 }

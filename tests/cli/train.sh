@@ -159,6 +159,8 @@ expect 0 train scene/blender -o from --init run/point_cloud/iteration_20/point_c
 cp from/point_cloud/iteration_2/point_cloud.ply by-file.ply
 expect 0 train scene/blender -o from --init run --iterations 2 -q --force
 cmp by-file.ply from/point_cloud/iteration_2/point_cloud.ply || fail "a run begins another one differently than its file"
+SG_CPU=none expect 1 train scene/blender -o base --iterations 2 --init-points 100 -q --engine cpu; says 'train: SG_CPU: found "none"'
+expect 1 train scene/blender -o base --iterations 2 --init-points 100 -q --engine cpu --cpu none; says 'train: --cpu: found "none"'
 SG_CPU=baseline expect 0 train scene/blender -o base --iterations 2 --init-points 100 -q --engine cpu
 grep -q '"cpu_variant": "baseline"' base/config.json || [ "$(uname -m)" != x86_64 ] || fail "SG_CPU is ignored"
 for command in 'train scene/blender -o none' 'eval base' 'render base -o none' 'view base'; do
