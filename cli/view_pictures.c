@@ -90,6 +90,7 @@ int view_place_camera(struct view_pictures *v, sg_ctx *ctx, const struct sg_mode
     }
     sg_mem_free(all);
     sg_mem_free(some);
+    far = far > 0 ? far : 1; /* of a single Gaussian */
     v->camera = (struct sg_camera){.width = 960,
                                    .height = 720,
                                    .fx = 900,

@@ -111,6 +111,10 @@ end
 begin run/point_cloud/iteration_30/point_cloud.ply
 python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a model alone"
 end
+printf '\0\0\0\0\0\0\0\0\0\0\240@\315\314L>\315\314L>\315\314L>\377\200@\377\377\200\200\200' >one.splat
+begin one.splat
+python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a model of one Gaussian"
+end
 begin scene/colmap
 python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a scene alone"
 end
