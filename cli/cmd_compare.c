@@ -315,7 +315,7 @@ static int run_compare(const void *config, const bool *given, const char *const 
     int code = runs ? 0 : no_memory();
     if (c->json + c->csv + !!c->html > 1) {
         say(stderr, "splatguard compare: --json, --csv and --html exclude each other\n");
-        code = 1;
+        code = STATUS_USAGE;
     }
     if (!code && !c->m.scene_path)
         code = check_unmeasured(given);
@@ -330,7 +330,7 @@ static int run_compare(const void *config, const bool *given, const char *const 
     if (!code && c->html) {
         code = write_html(c, runs, count);
         if (!code && !c->m.quiet)
-            say(stderr, "page of %d runs written to %s\n", count, c->html);
+            say(stderr, "page of %d run%s written to %s\n", count, count == 1 ? "" : "s", c->html);
     } else if (!code)
         code = (c->json ? print_json : c->csv ? print_csv : print_table)(runs, count);
     free(runs);

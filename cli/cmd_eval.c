@@ -129,8 +129,9 @@ static int run_eval(const void *config, const bool *given, const char *const *po
                 printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr,
                        e.per_view[i].ssim);
             }
-            printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr,
-                   e.ssim, e.fps, e.fps_mean, e.views, (size_t) sg_model_gaussians(v.model));
+            printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu view%s  %zu Gaussians\n",
+                   e.psnr, e.ssim, e.fps, e.fps_mean, e.views, e.views == 1 ? "" : "s",
+                   (size_t) sg_model_gaussians(v.model));
             if (sg_eval_corrected_by(&v.eval))
                 printf("with %s: PSNR %.3f  SSIM %.4f\n",
                        v.eval.exposures ? "exposures" : "matched colours", e.corrected_psnr,

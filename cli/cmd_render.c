@@ -250,10 +250,8 @@ static int refuse_longer(const struct render_config *c)
 /* What options need or exclude of each other. */
 static int check_options(const struct render_config *c, const bool *given)
 {
-    if (!c->output) {
-        say(stderr, "splatguard render: missing -o DIR\n");
-        return STATUS_USAGE;
-    }
+    if (!c->output)
+        return missing(&command_render, "-o DIR");
     if (c->path && c->photo) {
         say(stderr, "splatguard render: --photo: found --path too, whose frames have no photos\n");
         return STATUS_USAGE;

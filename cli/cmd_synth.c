@@ -33,10 +33,8 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     const struct synth_config *c = config;
     sg_ctx *ctx;
     sg_output *output = NULL;
-    if (!c->output) {
-        say(stderr, "splatguard synth: missing -o DIR\n");
-        return STATUS_USAGE;
-    }
+    if (!c->output)
+        return missing(&command_synth, "-o DIR");
     int code = open_context(&ctx, c->threads, 0, c->quiet);
     if (code)
         return code;

@@ -107,8 +107,7 @@ int model_views_find(struct model_views *v, const char *model, const struct comm
     if (!code)
         code = check_iteration(command, model, o->iteration);
     if (!code && !o->scene_path && !o->cameras) {
-        say(stderr, "splatguard %s: missing --scene SCENE\n", command->name);
-        code = 1;
+        code = missing(command, "--scene SCENE");
     }
     return code;
 }
@@ -152,7 +151,7 @@ int model_views_load(struct model_views *v, const struct command *command, const
         if (!v->n) {
             say(stderr, "splatguard: %s: found no %s views\n", o->scene_path,
                 o->split == 0 ? "test" : "train");
-            code = 2;
+            code = STATUS_INPUT;
         }
     }
     const size_t appearance =

@@ -106,7 +106,7 @@ done
 rm -r scene run model.ply
 expect 1 train --resume; says "needs the run's folder"
 expect 1 render model.ply --scene scene; says 'missing -o DIR'
-expect 1 synth; says 'missing -o DIR'
+expect 1 synth; says 'missing -o DIR; usage: splatguard synth -o DIR'
 
 # Spellings of the reference reach the same options: everything parses, and the scene is missing.
 expect 2 train -s nowhere -m run -i images_4 -r 2 -w --densify_grad_threshold=0.0003 --sh_degree 2 -j2
