@@ -191,13 +191,21 @@ static int add_scene(struct reader *r, const char *name)
                                    .from = scene});
 }
 
-/* {preset} stands for the scene's. */
-static void name_preset(const struct reader *r, const char *scene, json_t *options)
+/* {preset} stands for the scene's. Returns whether it has one where it is asked for. */
+static bool name_preset(struct reader *r, const char *scene, json_t *options)
 {
     json_t *preset = json_object_get(plan_at(r->plan->root, "scenes", scene), "preset");
-    for (size_t i = 0; i < json_array_size(options) && preset; i++)
-        if (!strcmp(json_string_value(json_array_get(options, i)), "{preset}"))
-            json_array_set(options, i, preset);
+    for (size_t i = 0; i < json_array_size(options); i++) {
+        if (strcmp(json_string_value(json_array_get(options, i)), "{preset}"))
+            continue;
+        if (!preset) {
+            r->code = plan_wrong(
+                r, "scenes.%s: found no preset, expected one for {preset} in its options", scene);
+            return false;
+        }
+        json_array_set(options, i, preset);
+    }
+    return true;
 }
 
 /* Of what draws, unless its options name one. */
@@ -224,7 +232,10 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
                       .config = json_pack("{s:s,s:i,s:o}", "kind", job_kinds[kind], "seed", c->seed,
                                           "options", options),
                       .from = plan_at(r->plan->root, "scenes", c->scene)};
-    name_preset(r, c->scene, options);
+    if (!name_preset(r, c->scene, options)) {
+        json_decref(job.config);
+        return -1;
+    }
     if (kind != JOB_AUDIT)
         add_engine(r->plan, options);
     memcpy(job.needs, needs, (size_t) n_needs * sizeof(*needs));

@@ -303,6 +303,7 @@ mistake 's/"--points", "200"/"--points"/' 'scenes.s.synth[8]: --points: found no
 mistake 's/"--finetune", "5"/"--finetune", "5", "10"/' 'defenses.lg.prune[2]: found 10, expected an option of prune'
 mistake 's/"size": \[/&"--test-halves=yes", /' 'scenes.s.size[0]: --test-halves takes no value'
 mistake 's/"engine": "[^"]*", //; s/"timeout"/"engine": "cpuu", &/' 'engine: found "cpuu", expected one of cpu|'
+mistake 's/"--trained", "60"/"--trained", "{preset}"/' 'scenes.s: found no preset, expected one for {preset}'
 for plan in "$source_dir"/bench/plans/*.json; do
     "$tool" bench "$plan" --list --data "$work" >out 2>err || says 'found no file in'
 done
