@@ -189,7 +189,7 @@ int main(int argc, char **argv)
             markdown();
         else if (argc > 2 && find(argv[2]))
             options_help(find(argv[2]), false, stdout);
-        else if (argc > 2)
+        else if (argc > 2 && strcmp(argv[2], "help") && strcmp(argv[2], "version"))
             return unknown(argv[2]);
         else
             usage(argc > 1 ? stdout : stderr);

@@ -5,6 +5,9 @@
 expect 1
 expect 0 --help
 expect 0 help train
+for word in help version; do # which completions offer too
+    expect 0 help $word; grep -q '^  splatguard train ' out || fail "help $word: no list of commands"
+done
 expect 0 --version
 grep -q '^splatguard [0-9]' out || fail "--version prints $(cat out)"
 for command in train attack eval render synth info compare spectrum audit; do
