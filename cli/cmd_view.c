@@ -246,7 +246,6 @@ static int serve(struct viewed *v, const struct view_config *c, const char *plac
         if (c->open)
             redirect = open_browser(view_server_address(server));
     }
-    interrupt_catch();
     while (!code && !interrupted())
         if (view_server_next(server, 0.2, &ask))
             view_draw(&v->pictures, server, &ask, renderer_for(v, &c->m, ask.kind));
@@ -264,6 +263,7 @@ static int run_view(const void *config, const bool *given, const char *const *po
     (void) count;
     struct view_config c = *(const struct view_config *) config;
     struct viewed v = {0};
+    interrupt_catch(); /* before there are files that would be left behind */
     int code = open_viewed(&v, positional[0], given, &c);
     if (!code)
         code = serve(&v, &c, positional[0]);

@@ -22,7 +22,7 @@ int view_model_write(sg_ctx *ctx, const struct sg_model *model)
     const char *tmp = getenv("TMPDIR");
     struct sg_model *copy = NULL;
     char *folder = NULL, *path = NULL;
-    int fd = -1;
+    int fd = -1, error = SG_OK;
     if (asprintf(&folder, "%s/splatguard-XXXXXX", tmp && tmp[0] ? tmp : "/tmp") < 0)
         return -1;
     const bool made = mkdtemp(folder);
@@ -31,10 +31,15 @@ int view_model_write(sg_ctx *ctx, const struct sg_model *model)
             strerror(errno));
     else if (asprintf(&path, "%s/model.compressed.ply", folder) < 0)
         path = NULL;
-    else if (sg_model_sort(ctx, model, &copy) || sg_model_write(ctx, copy, path, NULL))
+    else {
+        error = sg_model_sort(ctx, model, &copy);
+        if (!error)
+            error = sg_model_write(ctx, copy, path, NULL);
+        if (!error)
+            fd = open(path, O_RDONLY | O_CLOEXEC);
+    }
+    if (error && error != SG_ERR_INTERRUPTED)
         say(stderr, "warning: %s; the browser gets pictures of the model\n", sg_last_error(ctx));
-    else
-        fd = open(path, O_RDONLY | O_CLOEXEC);
     if (path)
         unlink(path);
     if (made)

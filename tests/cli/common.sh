@@ -55,10 +55,9 @@ wait_for() {
     done
 }
 
-# interrupt PID: ends a tool in the background as Ctrl-C does, which the shell makes it ignore there, and returns its exit
-# code. A signal would be lost that comes before the shell has become the tool, or before the tool has a handler for it (a bit
-# of SigCgt).
-interrupt() {
+# Until a tool in the background has a handler for SIGTERM (a bit of SigCgt). Before that, or before the shell has become the
+# tool, a signal would be lost.
+wait_for_handler() {
     waited=0
     until awk '/^Name:/ { name = $2 } /^SigCgt:/ { caught = $2 }
                END { exit !(name == "splatguard" && caught ~ /[4567cdef]...$/) }' "/proc/$1/status"; do
@@ -66,6 +65,12 @@ interrupt() {
         [ $waited -le 600 ] || fail "process $1 does not catch SIGTERM after a minute"
         sleep 0.1
     done
+}
+
+# interrupt PID: ends a tool in the background as Ctrl-C does, which the shell makes it ignore there, and returns its exit
+# code.
+interrupt() {
+    wait_for_handler "$1"
     kill -TERM "$1"
     wait "$1"
 }

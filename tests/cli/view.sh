@@ -18,6 +18,17 @@ interrupt "$view" || fail "the view ends with $?"
 mkdir broken # what has none of its functions
 ln -s "$(ldd "$program" | awk '/libm\.so/ { print $3 }')" broken/libmicrohttpd.so.12
 LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 view run; says 'no HTTP server'; says 'MHD_'
+# Ctrl-C is caught before anything is made that it would leave behind: here while the server's library is opened.
+rm broken/libmicrohttpd.so.12 && mkfifo broken/libmicrohttpd.so.12
+LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} "$program" view run 2>err &
+view=$!
+wait_for_handler "$view"
+kill -TERM "$view"
+: >broken/libmicrohttpd.so.12 # lets it go on
+wait "$view"; [ $? = 1 ] || fail "the view ends with another status"
+says 'no HTTP server'
+view=
+rm broken/libmicrohttpd.so.12 && ln -s "$(ldd "$program" | awk '/libm\.so/ { print $3 }')" broken/libmicrohttpd.so.12
 mkdir unread && echo '{' >unread/transforms_train.json
 LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 view unread; says 'no HTTP server' # before anything is read
 expect 2 view unread
