@@ -135,11 +135,92 @@ static void test_spectral(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* The steps of a view on a device, whose result is a target of losses: loss and gradients are those
+ * of the same steps taken on the image that was read. Some of that is brighter than white. */
+static void test_views(void **state)
+{
+    (void) state;
+    enum { W = 40, H = 24, PIXELS = W * H, VALUES = 3 * PIXELS, STEPS = 3 };
+    static uint8_t rgb[VALUES];
+    static float photo[VALUES], image[VALUES], x[VALUES], scratch[VALUES], extra[VALUES];
+    static double rows[3 * H];
+    const struct sg_camera camera = make_camera(W, H, 3);
+    const struct sg_render_params render = {SG_RENDER_DEFAULTS};
+    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}};
+    struct engine_case cases[ENGINE_CASES];
+    const int n = engine_cases(cases);
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, 80, 1, 9), *found, *expected;
+    struct sg_anisotropy *spectral;
+    int bright = 0;
+    assert_int_equal(sg_anisotropy_create(ctx, W, H, NULL, NULL, &spectral), SG_OK);
+    assert_int_equal(sg_model_create(ctx, m->count, 1, &found), SG_OK);
+    assert_int_equal(sg_model_create(ctx, m->count, 1, &expected), SG_OK);
+    for (size_t i = 0; i < m->count; i += 2)
+        for (int ch = 0; ch < 3; ch++)
+            *sg_model_at(m, i, SG_P_SH + ch) += 2;
+    for (uint64_t i = 0; i < VALUES; i++) {
+        rgb[i] = (uint8_t) draw(12, i, 200, 255.9f);
+        photo[i % 3 * PIXELS + i / 3] = (float) rgb[i] * (1.0f / 255.0f); /* as a kernel does */
+    }
+    for (int v = 0; v < n; v++) {
+        struct sg_engine *e = make_engine(ctx, cases[v].engine, cases[v].variant, m, NULL);
+        struct sg_target target = {0};
+        assert_int_equal(sg_engine_photo_add(e, W, H, rgb, NULL, &target.photo), SG_OK);
+        for (int k = 0; k < 12 && sg_engine_ascends_views(e); k++) {
+            const enum sg_attack_tv form = (enum sg_attack_tv)(k % 3);
+            const float epsilon = k / 3 % 2 ? INFINITY : 60 / 255.0f, weight = k / 6 ? 3 : 0;
+            const struct sg_view_ascent of_view = {target.photo, epsilon, 2 / 255.0f,
+                                                   STEPS,        form,    weight};
+            const struct ascent of_image = {epsilon, 2 / 255.0f, STEPS,
+                                            form,    NULL,       weight > 0 ? spectral : NULL,
+                                            weight,  extra};
+            struct sg_step a, b;
+            assert_int_equal(sg_engine_draw(e, &camera, 1, &render, false), SG_OK);
+            assert_int_equal(sg_engine_ascend_view(e, &of_view), SG_OK);
+            assert_int_equal(sg_engine_losses(e, &(struct sg_target){.ascended = true}, &loss, 1),
+                             SG_OK);
+            assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+            assert_int_equal(sg_engine_read_gradients(e, found), SG_OK);
+            assert_int_equal(sg_engine_read_step(e, &a), SG_OK);
+
+            assert_int_equal(sg_engine_draw(e, &camera, 1, &render, false), SG_OK);
+            assert_int_equal(sg_engine_read_image(e, image, NULL, NULL), SG_OK);
+            for (int i = 0; i < VALUES; i++) {
+                bright += image[i] > 1;
+                x[i] = k / 3 % 2 ? image[i] : fminf(fmaxf(image[i], 0), 1);
+            }
+            assert_int_equal(sg_ascend(e, &of_image, photo, W, H, x, scratch), SG_OK);
+            assert_int_equal(sg_engine_losses(e, &(struct sg_target){.planes = x}, &loss, 1),
+                             SG_OK);
+            assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+            assert_int_equal(sg_engine_read_gradients(e, expected), SG_OK);
+            assert_int_equal(sg_engine_read_step(e, &b), SG_OK);
+            const double variation = sg_tv_planes(ctx, x, W, H, form, rows) / VALUES;
+            if (a.photometric.total != b.photometric.total ||
+                memcmp(found->params, expected->params,
+                       m->capacity * (size_t) sg_param_count(1) * sizeof(float)) != 0 ||
+                !(fabs(a.variation - variation) <= 1e-5 * variation))
+                fail_msg("%s, case %d: loss %.9g, variation %.9g, expected %.9g and %.9g",
+                         case_name(cases[v]), k, a.photometric.total, a.variation,
+                         b.photometric.total, variation);
+        }
+        assert_true(bright > 100 || !sg_engine_ascends_views(e));
+        sg_engine_destroy(&e);
+    }
+    sg_anisotropy_destroy(&spectral);
+    sg_model_destroy(&m);
+    sg_model_destroy(&found);
+    sg_model_destroy(&expected);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_ascent),
         cmocka_unit_test(test_spectral),
+        cmocka_unit_test(test_views),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
