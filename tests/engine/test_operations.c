@@ -513,19 +513,22 @@ static void test_absolute_cancels_nothing(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Both statistics over two views as the oracle's, with few and with many instances at once. */
+/* Both statistics over two views as the oracle's, with few and with many instances at once. Views
+ * count for Gaussians that are too faint to be drawn, too. */
 static void test_gradient_statistics(void **state)
 {
     (void) state;
     static float weight[3 * PIXELS];
     sg_ctx *ctx = make_context(2);
     struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 37);
+    for (size_t i = 1; i < GAUSSIANS; i += 10)
+        *sg_model_at(m, i, SG_P_OPACITY) = -7;
     for (size_t i = 0; i < 3 * PIXELS; i++)
         weight[i] = draw(19, i, -1, 1);
     for (int kind = SG_GRADIENT_NORM; kind <= SG_GRADIENT_MIP; kind++)
         for (int banded = 0; banded < 2; banded++) {
             const bool mip = kind == SG_GRADIENT_MIP;
-            float expected[2 * GAUSSIANS], found[2 * GAUSSIANS];
+            float expected[2 * GAUSSIANS], found[2 * GAUSSIANS], views[GAUSSIANS];
             for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
                 const struct sg_render_params params = {.max_instances = banded ? 300 : 1 << 20,
                                                         .mip_kernel = mip ? 0.1f : 0};
@@ -547,6 +550,13 @@ static void test_gradient_statistics(void **state)
                     sg_engine_read_statistics(
                         e, &(struct sg_statistics){.gradient = to, .absolute = to + GAUSSIANS}),
                     SG_OK);
+                struct held h = held_by(ctx, e, DEGREE);
+                if (to == expected) {
+                    memcpy(views, h.o.at[SG_C_GRAD_COUNT], sizeof(views));
+                    assert_true(views[1] == 2 && views[11] == 2);
+                }
+                assert_memory_equal(h.o.at[SG_C_GRAD_COUNT], views, sizeof(views));
+                forget(&h);
                 sg_engine_destroy(&e);
                 for (size_t i = 0; i < 2 * GAUSSIANS; i++)
                     largest = fmaxf(largest, expected[i]);
