@@ -574,6 +574,59 @@ static void test_gradient_statistics(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Photos that come and go, more of them than a device has room for before the first one is done,
+ * are as those that stay: the exposure that has learned from each is the same. Then their handle is
+ * that of a photo that stays. */
+static void test_passing(void **state)
+{
+    (void) state;
+    enum { PHOTOS = 5 };
+    static uint8_t photos[PHOTOS][3 * PIXELS];
+    const struct sg_camera camera = make_camera(W, H, 3);
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}};
+    const struct sg_exposure_update update = {.rate = 0.01, .root = 1};
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 44);
+    for (size_t p = 0; p < PHOTOS; p++)
+        for (size_t i = 0; i < 3 * PIXELS; i++)
+            photos[p][i] = (uint8_t) draw(45 + p, i, 0, 255.9f);
+    for (int k = 0; k < case_count; k++) {
+        float exposures[2][SG_EXPOSURE_FLOATS] = {{0}};
+        struct sg_step step[2];
+        for (int passes = 0; passes < 2; passes++) {
+            struct sg_engine *e = begin(ctx, k, m, NULL);
+            struct sg_target target = {0};
+            exposures[passes][0] = exposures[passes][5] = exposures[passes][10] = 1;
+            assert_int_equal(sg_engine_set_exposures(e, exposures[passes], 1), SG_OK);
+            for (int p = 0; p < 2 * PHOTOS; p++) { /* of two views: a device makes room in one */
+                if (p % PHOTOS == 0)
+                    assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
+                target.exposure = 1;
+                assert_int_equal((passes ? sg_engine_photo_pass : sg_engine_photo_add)(
+                                     e, W, H, photos[p % PHOTOS], NULL, &target.photo),
+                                 SG_OK);
+                assert_int_equal(sg_engine_losses(e, &target, &loss, 1), SG_OK);
+                assert_int_equal(sg_engine_learn_exposures(e, &update), SG_OK);
+                assert_int_equal(sg_engine_photo_drop(e, target.photo), SG_OK);
+            }
+            assert_int_equal(sg_engine_read_exposures(e), SG_OK);
+            const sg_photo passed = target.photo;
+            target.exposure = 0;
+            assert_int_equal(sg_engine_photo_add(e, W, H, photos[0], NULL, &target.photo), SG_OK);
+            assert_int_equal(target.photo, passed);
+            assert_int_equal(sg_engine_losses(e, &target, &loss, 1), SG_OK);
+            assert_int_equal(sg_engine_read_step(e, &step[passes]), SG_OK);
+            sg_engine_destroy(&e);
+        }
+        assert_memory_equal(exposures[1], exposures[0], sizeof(exposures[0]));
+        assert_true(step[1].photometric.total == step[0].photometric.total);
+        assert_true(exposures[0][0] != 1);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -586,6 +639,7 @@ int main(void)
         cmocka_unit_test(test_edit_arguments),
         cmocka_unit_test(test_absolute_cancels_nothing),
         cmocka_unit_test(test_gradient_statistics),
+        cmocka_unit_test(test_passing),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
 }
