@@ -252,6 +252,56 @@ static void test_explore(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Gaussians that an edit has added move too, before any view of the edited model. */
+static void test_explore_edited(void **state)
+{
+    (void) state;
+    enum { N = 200, EDITED = 2 * N };
+    static const struct sg_exploration how = {40, 100, 0.005f, 7, 9};
+    const struct sg_camera camera = make_camera(W, H, 3);
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    uint8_t keep[N], kind[N];
+    uint32_t source[N];
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, N, 0, 53), *expected = NULL;
+    memset(keep, 1, sizeof(keep));
+    for (uint32_t i = 0; i < N; i++) {
+        *sg_model_at(m, i, SG_P_OPACITY) = -5;
+        source[i] = i, kind[i] = SG_EDIT_COPY;
+    }
+    const struct sg_edit edit = {
+        .keep = keep, .kept = N, .appended = N, .source = source, .kind = kind};
+    for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
+        struct sg_engine *e = begin(ctx, k, m, NULL);
+        struct sg_model *after;
+        struct sg_columns o;
+        assert_int_equal(sg_engine_draw(e, &camera, 0, &params, false), SG_OK);
+        assert_int_equal(sg_engine_edit(e, &edit), SG_OK);
+        assert_int_equal(sg_engine_explore(e, &how), SG_OK);
+        download(ctx, e, 0, &after, &o);
+        for (size_t i = 0; i < EDITED; i++)
+            for (int axis = 0; axis < 3; axis++) {
+                const float before = *sg_model_at(m, i % N, SG_P_XYZ + axis),
+                            found = *sg_model_at(after, i, SG_P_XYZ + axis),
+                            right = *sg_model_at(expected ? expected : after, i, SG_P_XYZ + axis);
+                if (!(fabsf(found - right) <= 1e-4f * fabsf(right - before) + 1e-6f) ||
+                    found == before)
+                    fail_msg("%s: Gaussian %zu, axis %d: moved from %g to %g, expected %g",
+                             case_name(cases[k]), i, axis, (double) before, (double) found,
+                             (double) right);
+            }
+        sg_columns_clear(&o);
+        sg_engine_destroy(&e);
+        if (expected)
+            sg_model_destroy(&after);
+        else
+            expected = after;
+    }
+    sg_model_destroy(&expected);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* An entry copies parameters, sets the opacity, adds to the scales, and clears moments only where
  * it says so. */
 static void test_relocate(void **state)
@@ -388,9 +438,13 @@ static void test_random(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_mip),      cmocka_unit_test(test_filter),
-        cmocka_unit_test(test_reset),    cmocka_unit_test(test_explore),
-        cmocka_unit_test(test_relocate), cmocka_unit_test(test_relocate_in_order),
+        cmocka_unit_test(test_mip),
+        cmocka_unit_test(test_filter),
+        cmocka_unit_test(test_reset),
+        cmocka_unit_test(test_explore),
+        cmocka_unit_test(test_explore_edited),
+        cmocka_unit_test(test_relocate),
+        cmocka_unit_test(test_relocate_in_order),
         cmocka_unit_test(test_random),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
