@@ -289,6 +289,34 @@ static void test_refused_view(void **state)
     assert_true(refused > 2);
 }
 
+/* A model for which there is no memory leaves the one before, also where its SH degree is another.
+ */
+static void test_refused_model(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *first = make_model(ctx, 100, 1, 3), *large = make_model(ctx, 5000, 3, 3),
+                    *found;
+    struct sg_engine *e = make_engine(ctx, main_engine(), NULL, first, NULL);
+    struct sg_vram *memory = sg_ctx_vram(ctx);
+    memory->limit = memory->current[SG_MEM_TAGS] + 1000;
+    assert_int_equal(sg_engine_upload(e, large, NULL), SG_ERR_BUDGET);
+    assert_non_null(strstr(sg_last_error(ctx), "bytes for model refused"));
+    sg_clear_error(ctx);
+    assert_int_equal(sg_engine_count(e), 100);
+    assert_int_equal(e->sh_degree, 1);
+    assert_int_equal(sg_model_create(ctx, 100, 1, &found), SG_OK);
+    assert_int_equal(sg_engine_download(e, found, NULL), SG_OK);
+    assert_memory_equal(found->params, first->params,
+                        first->capacity * (size_t) sg_param_count(1) * sizeof(float));
+    sg_model_destroy(&first);
+    sg_model_destroy(&large);
+    sg_model_destroy(&found);
+    sg_engine_destroy(&e);
+    assert_nothing_held(ctx, "model", 2);
+    sg_ctx_destroy(&ctx);
+}
+
 /* Indices of kernels are signed numbers of 32 bits: of a Gaussian's parameters, and at least its
  * splat; of the maps of an image that is compared. */
 static void test_sizes(void **state)
@@ -321,6 +349,7 @@ int main(void)
         cmocka_unit_test(test_driver_limits),  cmocka_unit_test(test_limits),
         cmocka_unit_test(test_variant_limits), cmocka_unit_test(test_anchor_limits),
         cmocka_unit_test(test_host),           cmocka_unit_test(test_refused_view),
+        cmocka_unit_test(test_refused_model),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
