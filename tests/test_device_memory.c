@@ -317,6 +317,87 @@ static void test_refused_model(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* The model and moments of an engine, with room for so many Gaussians. */
+struct held {
+    struct sg_model *m;
+    struct sg_columns o;
+    size_t count, floats;
+};
+
+static struct held held_by(sg_ctx *ctx, struct sg_engine *e)
+{
+    struct held h = {.count = sg_engine_count(e)};
+    assert_int_equal(sg_model_create(ctx, h.count, 1, &h.m), SG_OK);
+    assert_int_equal(sg_columns_create(ctx, h.count, 1, SG_COLUMN_SAVED, &h.o), SG_OK);
+    assert_int_equal(sg_engine_download(e, h.m, &h.o), SG_OK);
+    h.floats = h.m->capacity * (size_t) sg_param_count(1);
+    return h;
+}
+
+static void forget(struct held *h)
+{
+    sg_model_destroy(&h->m);
+    sg_columns_clear(&h->o);
+}
+
+/* An edit of which an allocation fails leaves the model before it or after it, whole. Moments for
+ * which there was no memory are zeros. */
+static void test_refused_edit(void **state)
+{
+    (void) state;
+    enum { N = 100 };
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, N, 1, 3);
+    struct sg_columns o;
+    struct held before, after;
+    uint8_t keep[N], kind[N];
+    uint32_t source[N];
+    int unedited = 0, dropped = 0;
+    assert_int_equal(sg_columns_create(ctx, N, 1, SG_COLUMN_SAVED, &o), SG_OK);
+    for (int c = SG_C_MOMENT1; c <= SG_C_MOMENT2; c++)
+        for (size_t i = 0; i < m->capacity * (size_t) sg_param_count(1); i++)
+            o.at[c][i] = draw(5, i, 0.1f, 1);
+    for (uint32_t i = 0; i < N; i++)
+        keep[i] = i % 2, source[i] = i, kind[i] = SG_EDIT_COPY;
+    const struct sg_edit edit = {
+        .keep = keep, .kept = N / 2, .appended = N, .source = source, .kind = kind};
+    bool failed = true;
+    for (uint64_t nth = 0; failed; nth++) { /* 0: none */
+        struct sg_engine *e = make_engine(ctx, main_engine(), NULL, m, &o);
+        if (!nth)
+            before = held_by(ctx, e);
+        fail_call(CALL_AllocateMemory, nth, VK_ERROR_OUT_OF_DEVICE_MEMORY);
+        const int code = sg_engine_edit(e, &edit);
+        failed = call_failed();
+        assert_int_equal(code, failed ? SG_ERR_BUDGET : SG_OK);
+        sg_clear_error(ctx);
+        struct held found = held_by(ctx, e);
+        if (!nth)
+            after = found, failed = true;
+        const struct held *right = found.count == N ? &before : &after;
+        assert_int_equal(found.count, right->count);
+        assert_memory_equal(found.m->params, right->m->params, right->floats * sizeof(float));
+        for (int c = SG_C_MOMENT1; c <= SG_C_MOMENT2; c++) {
+            const bool zeros = found.o.at[c][0] == 0;
+            for (size_t i = 0; i < right->floats; i++)
+                assert_true(found.o.at[c][i] == (zeros ? 0 : right->o.at[c][i]));
+            assert_true(!zeros || (code && found.count != N));
+            dropped += zeros;
+        }
+        unedited += code && found.count == N;
+        if (nth)
+            forget(&found);
+        sg_engine_destroy(&e);
+    }
+    assert_true(unedited > 2 && dropped > 2);
+    forget(&before);
+    forget(&after);
+    sg_columns_clear(&o);
+    sg_model_destroy(&m);
+    assert_nothing_held(ctx, "edit", N);
+    sg_ctx_destroy(&ctx);
+}
+
 /* Indices of kernels are signed numbers of 32 bits: of a Gaussian's parameters, and at least its
  * splat; of the maps of an image that is compared. */
 static void test_sizes(void **state)
@@ -349,7 +430,7 @@ int main(void)
         cmocka_unit_test(test_driver_limits),  cmocka_unit_test(test_limits),
         cmocka_unit_test(test_variant_limits), cmocka_unit_test(test_anchor_limits),
         cmocka_unit_test(test_host),           cmocka_unit_test(test_refused_view),
-        cmocka_unit_test(test_refused_model),
+        cmocka_unit_test(test_refused_model),  cmocka_unit_test(test_refused_edit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
