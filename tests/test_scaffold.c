@@ -379,7 +379,7 @@ static void test_engines(void **state)
     check_engines(0, 1e4f); /* more than the image counts */
 }
 
-#define MANY 2200 /* some workgroups of the Vulkan engine have two blocks of them */
+#define MANY 2200
 
 /* Gradients, a step of Adam and the statistics of growth of several blocks of anchors. */
 struct results {
@@ -436,10 +436,10 @@ static void compare_arrays(const char *name, const char *what, const float *foun
     assert_within(name, what, difference_of(found, expected, n, NULL, 1) / most, bound);
 }
 
-static void compare_results(const char *name, const struct results *r,
-                            const struct results *expected, unsigned parts)
+static void compare_gradients(const char *name, const struct results *r,
+                              const struct results *expected, unsigned parts)
 {
-    const size_t anchors = sg_blocks(MANY) * SG_LANES;
+    const size_t anchors = expected->gradient->capacity;
     const struct sg_columns *found = r->gradient->columns, *right = expected->gradient->columns;
     compare_arrays(name, "anchors: gradient of reach", r->gradient->params,
                    expected->gradient->params, anchors * SG_DRAWN_PLANES, 1e-4);
@@ -451,6 +451,13 @@ static void compare_results(const char *name, const struct results *r,
         compare_arrays(name, "anchors: gradient of appearances",
                        found->networks->appearance[1].value, right->networks->appearance[1].value,
                        SG_APPEARANCE, 1e-4);
+}
+
+static void compare_results(const char *name, const struct results *r,
+                            const struct results *expected, unsigned parts)
+{
+    const size_t anchors = expected->gradient->capacity;
+    compare_gradients(name, r, expected, parts);
     compare_arrays(name, "anchors: statistics", r->statistics, expected->statistics,
                    anchors * SG_A_STATISTICS, 1e-4);
     /* Adam makes a whole step of the least gradient: only its moments can be compared. */
@@ -505,6 +512,46 @@ static void test_many(void **state)
         }
         clear_results(&expected);
     }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* More anchors are seen than 128 workgroups of the Vulkan engine take at once, 16 each: gradients
+ * are sums over all of them. Most have one Gaussian that is not hidden, the others nine. */
+static void test_many_seen(void **state)
+{
+    (void) state;
+    enum { COUNT = 2200, AT_ONCE = 128 * 16 };
+    struct engine_case cases[ENGINE_CASES];
+    const int n = engine_cases(cases);
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_anchors(ctx, COUNT, 51);
+    struct results expected = {0};
+    for (size_t i = 0; i < COUNT; i++)
+        for (size_t g = 0; g < SG_ANCHOR_GAUSSIANS; g++)
+            for (int k = 0; k < 3 && (g == i / 8 % SG_ANCHOR_GAUSSIANS) == (i % 8 == 0); k++) {
+                const int plane = SG_A_OFFSET + 3 * (int) g + k;
+                m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, plane)] =
+                    SG_OFFSET_HIDDEN;
+            }
+    for (size_t i = 0; i < COUNT; i++) /* small */
+        for (int k = 0; k < 3; k++)
+            m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, SG_A_SIZE + k)] -= 1.5f;
+    m->columns->networks->parts = ALL_PARTS;
+    for (int k = n - 1; k >= 0; k--) { /* the oracle first */
+        struct results r = learn(ctx, cases[k], m);
+        if (k < n - 1) {
+            compare_gradients(case_name(cases[k]), &r, &expected, ALL_PARTS);
+            clear_results(&r);
+            continue;
+        }
+        size_t seen = 0;
+        for (size_t i = 0; i < COUNT; i++)
+            seen += r.statistics[sg_param_index(SG_A_STATISTICS, i, SG_A_SEEN)] > 0;
+        assert_in_range(seen, AT_ONCE + 16, COUNT);
+        expected = r;
+    }
+    clear_results(&expected);
     sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
@@ -585,6 +632,7 @@ int main(void)
         cmocka_unit_test(test_chain),
         cmocka_unit_test(test_engines),
         cmocka_unit_test(test_many),
+        cmocka_unit_test(test_many_seen),
         cmocka_unit_test(test_learn_from_another),
         cmocka_unit_test(test_edit_without_memory),
     };
