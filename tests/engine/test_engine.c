@@ -221,7 +221,7 @@ static void test_nothing_visible(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* However small the bands: the very same bytes. */
+/* However small the bands: the very same bytes, and counts. */
 static void test_bands(void **state)
 {
     (void) state;
@@ -238,6 +238,10 @@ static void test_bands(void **state)
         params.max_instances = limits[i];
         struct outcome o = run(ctx, main_engine(), NULL, m, &c, params, NULL);
         assert_true(o.stats.bands > 1);
+        assert_int_equal(o.stats.visible, one.stats.visible);
+        assert_int_equal(o.stats.instances, one.stats.instances);
+        assert_int_equal(o.stats.pairs, one.stats.pairs);
+        assert_int_equal(o.stats.max_tile, one.stats.max_tile);
         assert_memory_equal(o.rgb, one.rgb, 3 * 120 * 90 * sizeof(float));
         assert_memory_equal(o.gradients->params, one.gradients->params,
                             m->count * (size_t) sg_param_count(2) * sizeof(float));
