@@ -556,6 +556,52 @@ static void test_many_seen(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+static void draw_anchors(struct sg_engine *e, int appearance, float rgb[3 * PIXELS])
+{
+    const struct sg_camera camera = make_camera(W, H, 2.2);
+    struct sg_render_params params = sg_render_params_default();
+    params.appearance = appearance;
+    assert_int_equal(sg_engine_draw(e, &camera, 0, &params, false), SG_OK);
+    assert_int_equal(sg_engine_read_image(e, rgb, NULL, NULL), SG_OK);
+}
+
+/* The mean of all appearances, also in place of that of a photo that there is not, and zeros: as
+ * those of a photo. */
+static void test_appearances(void **state)
+{
+    (void) state;
+    enum { OWN, MEAN, OTHER, ZERO, KINDS };
+    static const int asked[KINDS] = {0, SG_APPEARANCE_MEAN, PHOTOS, SG_APPEARANCE_ZERO};
+    static float found[KINDS][3 * PIXELS], right[3 * PIXELS];
+    struct engine_case cases[ENGINE_CASES];
+    const int n = engine_cases(cases);
+    for (int k = 0; k < n; k++) {
+        sg_ctx *ctx = make_context(1);
+        struct sg_model *m = make_anchors(ctx, 20, 62);
+        struct sg_networks *networks = m->columns->networks;
+        networks->parts = SG_PART_APPEARANCE;
+        struct sg_engine *e = make_scaffold(ctx, cases[k], m);
+        for (int kind = 0; kind < KINDS; kind++)
+            draw_anchors(e, asked[kind], found[kind]);
+        sg_engine_destroy(&e);
+        assert_memory_equal(found[OTHER], found[MEAN], sizeof(found[MEAN]));
+        for (int kind = MEAN; kind < KINDS; kind += ZERO - MEAN) {
+            for (int i = 0; i < SG_APPEARANCE; i++) {
+                const struct sg_appearance *a = networks->appearance;
+                networks->appearance[0].value[i] =
+                    kind == MEAN ? (a[0].value[i] + a[1].value[i] + a[2].value[i]) / PHOTOS : 0;
+            }
+            e = make_scaffold(ctx, cases[k], m);
+            draw_anchors(e, 0, right);
+            sg_engine_destroy(&e);
+            assert_true(difference_of(found[kind], right, 3 * PIXELS, NULL, 1) < 1e-5);
+            assert_true(difference_of(found[kind], found[kind - 1], 3 * PIXELS, NULL, 1) > 1e-2);
+        }
+        sg_model_destroy(&m);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
 /* Networks do not learn from a view of another model. */
 static void test_learn_from_another(void **state)
 {
@@ -633,6 +679,7 @@ int main(void)
         cmocka_unit_test(test_engines),
         cmocka_unit_test(test_many),
         cmocka_unit_test(test_many_seen),
+        cmocka_unit_test(test_appearances),
         cmocka_unit_test(test_learn_from_another),
         cmocka_unit_test(test_edit_without_memory),
     };
