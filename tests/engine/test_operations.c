@@ -63,6 +63,44 @@ static void test_losses(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* The penalties of the total variation that losses_against does not have. */
+static void test_penalties(void **state)
+{
+    (void) state;
+    static const enum sg_tv_penalty penalties[] = {SG_TV_PENALTY_L1, SG_TV_PENALTY_L2};
+    static float planes[3 * PIXELS];
+    const struct sg_camera camera = make_camera(W, H, 3);
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_sure_model(ctx, 31);
+    for (int p = 0; p < 2; p++) {
+        const struct sg_loss losses[] = {
+            {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}},
+            {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = penalties[p]}},
+        };
+        struct sg_model *right = NULL;
+        double expected = 0;
+        for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
+            struct sg_engine *e = begin(ctx, k, m, NULL);
+            const struct sg_target target = {.planes = planes};
+            const double found =
+                step_against(e, m, &camera, &target, losses, 2).loss[SG_LOSS_TOTAL_VARIATION];
+            struct sg_model *g = gradients_of(ctx, e, m);
+            sg_engine_destroy(&e);
+            if (!right) {
+                expected = found, right = g;
+                continue;
+            }
+            assert_within(case_name(cases[k]), "loss: total variation", fabs(found / expected - 1),
+                          1e-5);
+            assert_gradients(case_name(cases[k]), "gradient of all losses", g, right, 1e-4);
+            sg_model_destroy(&g);
+        }
+        sg_model_destroy(&right);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 static const struct sg_update *some_update(void)
 {
     static struct sg_update u = {.adam = true, .statistics = true};
@@ -631,6 +669,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_losses),
+        cmocka_unit_test(test_penalties),
         cmocka_unit_test(test_two_stages),
         cmocka_unit_test(test_shape),
         cmocka_unit_test(test_adopt),
