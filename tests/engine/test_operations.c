@@ -552,7 +552,7 @@ static void test_absolute_cancels_nothing(void **state)
 }
 
 /* Both statistics over two views as the oracle's, with few and with many instances at once. Views
- * count for Gaussians that are too faint to be drawn, too. */
+ * count for Gaussians that are too faint to be drawn, which are visible, too. */
 static void test_gradient_statistics(void **state)
 {
     (void) state;
@@ -567,6 +567,7 @@ static void test_gradient_statistics(void **state)
         for (int banded = 0; banded < 2; banded++) {
             const bool mip = kind == SG_GRADIENT_MIP;
             float expected[2 * GAUSSIANS], found[2 * GAUSSIANS], views[GAUSSIANS];
+            size_t visible[2];
             for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
                 const struct sg_render_params params = {.max_instances = banded ? 60 : 1 << 20,
                                                         .mip_kernel = mip ? 0.1f : 0};
@@ -585,6 +586,9 @@ static void test_gradient_statistics(void **state)
                                      SG_OK);
                     assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
                     assert_int_equal(step.stats.bands > 1, banded && k < case_count - 1);
+                    if (k == case_count - 1)
+                        visible[view - 2] = step.stats.visible;
+                    assert_int_equal(step.stats.visible, visible[view - 2]);
                 }
                 float *to = k == case_count - 1 ? expected : found, largest = 0;
                 assert_int_equal(
