@@ -29,6 +29,8 @@ static double anisotropy_of(struct sg_engine *e, const struct sg_model *m,
     assert_true(width * height <= MOST);
     /* With a long lens the gradients of what is large beside a strip cancel. */
     camera.fx = 0.9 * sqrt(width * height) + 5, camera.fy = 0.9 * sqrt(width * height) + 9;
+    /* The last column and row have the gradients of all that continues them. */
+    camera.cx = width - 3, camera.cy = height - 3;
     for (int i = 0; i < 3 * width * height; i++) {
         photo[i] = (uint8_t) draw(14, (size_t) i, 0, 255.9f);
         mask[i / 3] = i / 3 % 5 ? 255 : 0;
