@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Sets the scenes of bench/results/evening.tsv side by side.
+"""Sets measurements side by side.
 
     bench/overview.py
 
-Writes bench/results/evening-PHOTOS.tsv for each kind of photos: a row is a defense, a column a scene,
-whose cells are the most Gaussians as a multiple of clean training, PSNR and SSIM. The best values of a
-column are bold."""
+From bench/results/evening.tsv it writes evening-PHOTOS.tsv for each kind of photos: a row is a defense, a column a
+scene, whose cells are the most Gaussians as a multiple of clean training, PSNR and SSIM. The best values of a column
+are bold. From tolerance.tsv it writes tolerance-back.tsv: a row is a poisoned set, a column a defense, whose cells are
+the shares of the lost PSNR and SSIM that come back, and the Gaussians as a multiple of clean training."""
 import csv
 import os
 
@@ -21,9 +22,13 @@ def marked(text):
     return f"**{text[1:]}**" if text.startswith("*") else text
 
 
-def main():
-    with open(os.path.join(RESULTS, "evening.tsv"), newline="") as f:
-        rows = list(csv.DictReader(f, delimiter="\t"))
+def read(name):
+    with open(os.path.join(RESULTS, name), newline="") as f:
+        return list(csv.DictReader(f, delimiter="\t"))
+
+
+def write_evening():
+    rows = read("evening.tsv")
     scenes = unique(r["scene"] for r in rows)
     for photos in unique(r["photos"] for r in rows):
         cells = {(r["defense"], r["scene"]): r for r in rows if r["photos"] == photos}
@@ -34,6 +39,38 @@ def main():
                 print(defense, *(f"{r['of clean']}; {marked(r['PSNR, dB'])}; {marked(r['SSIM'])}" for r in of),
                       ", ".join(unique(r["commit"] for r in of)),
                       ", ".join(unique(r["machine"] for r in of)), sep="\t", file=out)
+
+
+def write_tolerance():
+    rows = read("tolerance.tsv")
+    groups = {}
+    for r in rows:
+        groups.setdefault((r["scene"], r["size"], r["photos"]), {})[r["defense"].split(",")[0]] = r
+    with open(os.path.join(RESULTS, "tolerance-back.tsv"), "w") as out:
+        print("scene", "size", "photos", "undefended", "the paper's preset", "bilateral smoothing", "auto",
+              sep="\t", file=out)
+        for (scene, size, photos), of in groups.items():
+            if "clean" in photos or "none" not in of:
+                continue
+            seed = ", ".join(["clean"] + [p for p in photos.split(", ") if p.startswith("seed")])
+            clean = groups.get((scene, size, seed)) or groups[scene, size, "clean"]
+
+            def cell(defense):
+                r = of.get(defense)
+                if not r:
+                    return ""
+                times = f"{int(r['Gaussians, end'].lstrip('*')) / int(clean['none']['Gaussians, end']):.2f}"
+                back = [r[k].lstrip("*") or "-" for k in ("given back: PSNR, %", "SSIM, %")]
+                return times if defense == "none" else "; ".join([*back, times])
+
+            preset = next((d for d in of if d in ("ns", "mip", "tt")), "")
+            print(scene, size, photos, *(cell(d) for d in ("none", preset, "bilateral smoothing", "auto")),
+                  sep="\t", file=out)
+
+
+def main():
+    write_evening()
+    write_tolerance()
 
 
 if __name__ == "__main__":
