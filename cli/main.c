@@ -72,7 +72,11 @@ static void man(void)
         printf("\n");
     }
     man_exit_status();
-    printf(".SH ENVIRONMENT\n.TP\n.B SG_CPU\nCPU variant to use, as \\-\\-cpu.\n");
+    printf(".SH ENVIRONMENT\n.TP\n.B SG_CPU\nCPU variant to use, as \\-\\-cpu.\n"
+           ".TP\n.B TMPDIR\nFolder for the model that\n.BR splatguard\\-view (1)\n"
+           "hands to a browser, in a file without a name; /tmp by default.\n"
+           ".TP\n.B XDG_RUNTIME_DIR\nFolder for the page by which\n"
+           ".B splatguard view \\-\\-open\nleads a browser to the view; /tmp by default.\n");
 }
 
 /* splatguard-COMMAND(1) */
