@@ -284,7 +284,7 @@ int sg_engine_learn_networks(struct sg_engine *e, const struct sg_network_update
 
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)
 {
-    if (shape && !e->ops->shape)
+    if (!e->ops->shape)
         return sg_fail(e->ctx, SG_ERR_USAGE, "shape: found %s, which engine %s cannot compute",
                        shape->name, e->ops->name);
     e->shape = shape;

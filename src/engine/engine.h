@@ -208,8 +208,8 @@ struct sg_shape {
     void (*backward)(const void *arg, const float *params, const float *column, int planes,
                      float *gradients);
 };
-/* shape: borrowed; NULL = the parameters are drawn as they are (default). SG_ERR_USAGE for an
- * engine that has no such stage. */
+/* Until it is called the parameters are drawn as they are; it cannot be undone. shape: borrowed.
+ * SG_ERR_USAGE for an engine that has no such stage. */
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape);
 
 /* ---- photos ---- */
