@@ -137,6 +137,19 @@ int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size)
     return sg_file_commit(ctx, &w);
 }
 
+void sg_put_int(FILE *to, uint64_t value, int bytes)
+{
+    for (int i = 0; i < bytes; i++)
+        putc((int) (value >> 8 * i & 255), to);
+}
+
+void sg_put_real(FILE *to, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof(bits));
+    sg_put_int(to, bits, sizeof(bits));
+}
+
 int sg_open_failed(sg_ctx *ctx, const char *path)
 {
     return errno == EINVAL

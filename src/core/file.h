@@ -34,6 +34,10 @@ int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size);
 int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 
+/* Numbers as bytes, the lowest first on every machine. Errors are those of the stream. */
+void sg_put_int(FILE *to, uint64_t value, int bytes);
+void sg_put_real(FILE *to, double value);
+
 bool sg_file_exists(const char *path);
 bool sg_dir_exists(const char *path);
 /* mkdir -p, also while other processes remove empty folders. made: length of the path of the first

@@ -64,26 +64,17 @@ static bool fit_camera(struct sg_colmap_camera *c, const struct size *size)
     return true;
 }
 
-static void put(FILE *f, uint64_t value, int bytes)
-{
-    for (int i = 0; i < bytes; i++)
-        putc((int) (value >> 8 * i & 255), f);
-}
-
 static void put_binary(FILE *f, const struct sg_colmap_cameras *cameras)
 {
-    put(f, cameras->count, 8);
+    sg_put_int(f, cameras->count, 8);
     for (size_t i = 0; i < cameras->count; i++) {
         const struct sg_colmap_camera *c = &cameras->items[i];
-        put(f, c->id, 4);
-        put(f, (uint64_t) c->model, 4);
-        put(f, (uint64_t) c->lens.width, 8);
-        put(f, (uint64_t) c->lens.height, 8);
-        for (int k = 0; k < sg_colmap_model_params(c->model); k++) {
-            uint64_t bits;
-            memcpy(&bits, &c->params[k], sizeof(bits));
-            put(f, bits, 8);
-        }
+        sg_put_int(f, c->id, 4);
+        sg_put_int(f, (uint64_t) c->model, 4);
+        sg_put_int(f, (uint64_t) c->lens.width, 8);
+        sg_put_int(f, (uint64_t) c->lens.height, 8);
+        for (int k = 0; k < sg_colmap_model_params(c->model); k++)
+            sg_put_real(f, c->params[k]);
     }
 }
 

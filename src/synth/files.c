@@ -3,8 +3,6 @@
  * 2016). */
 #include "files.h"
 
-#include <string.h>
-
 #include "core/file.h"
 #include "core/numbers.h"
 
@@ -42,31 +40,18 @@ done:
     return code;
 }
 
-static void put_int(FILE *f, uint64_t value, int bytes) /* little-endian on every machine */
-{
-    for (int i = 0; i < bytes; i++)
-        putc((int) (value >> 8 * i & 255), f);
-}
-
-static void put_real(FILE *f, double value)
-{
-    uint64_t bits;
-    memcpy(&bits, &value, sizeof(bits));
-    put_int(f, bits, 8);
-}
-
 static void put_cameras(FILE *f, const struct synth_colmap *m)
 {
     const struct synth_camera *c = m->cameras;
-    put_int(f, 1, 8);
-    put_int(f, 1, 4); /* id */
-    put_int(f, 1, 4); /* PINHOLE */
-    put_int(f, (uint64_t) c->width, 8);
-    put_int(f, (uint64_t) c->height, 8);
-    put_real(f, c->focal);
-    put_real(f, c->focal);
-    put_real(f, 0.5 * c->width);
-    put_real(f, 0.5 * c->height);
+    sg_put_int(f, 1, 8);
+    sg_put_int(f, 1, 4); /* id */
+    sg_put_int(f, 1, 4); /* PINHOLE */
+    sg_put_int(f, (uint64_t) c->width, 8);
+    sg_put_int(f, (uint64_t) c->height, 8);
+    sg_put_real(f, c->focal);
+    sg_put_real(f, c->focal);
+    sg_put_real(f, 0.5 * c->width);
+    sg_put_real(f, 0.5 * c->height);
 }
 
 /* Of the rotation with these rows; Shepperd's choice of the largest component (1978). */
@@ -94,46 +79,46 @@ static void quaternion(struct vec x, struct vec y, struct vec z, double q[4])
 
 static void put_images(FILE *f, const struct synth_colmap *m)
 {
-    put_int(f, (uint64_t) m->count, 8);
+    sg_put_int(f, (uint64_t) m->count, 8);
     for (int k = 0; k < m->count; k++) {
         const int view = m->order[k];
         const struct synth_camera *c = &m->cameras[view];
         const struct vec down = scale(c->up, -1);
         double q[4];
         quaternion(c->right, down, c->forward, q);
-        put_int(f, (uint64_t) k + 1, 4);
+        sg_put_int(f, (uint64_t) k + 1, 4);
         for (int i = 0; i < 4; i++)
-            put_real(f, q[i]);
-        put_real(f, -dot(c->right, c->centre));
-        put_real(f, -dot(down, c->centre));
-        put_real(f, -dot(c->forward, c->centre));
-        put_int(f, 1, 4);
+            sg_put_real(f, q[i]);
+        sg_put_real(f, -dot(c->right, c->centre));
+        sg_put_real(f, -dot(down, c->centre));
+        sg_put_real(f, -dot(c->forward, c->centre));
+        sg_put_int(f, 1, 4);
         fprintf(f, SYNTH_COLMAP_NAME, k);
         putc(0, f);
         const int first = view < m->views ? view : m->n_points;
-        put_int(f, (uint64_t) ((m->n_points - first + m->views - 1) / m->views), 8);
+        sg_put_int(f, (uint64_t) ((m->n_points - first + m->views - 1) / m->views), 8);
         for (int i = first; i < m->n_points; i += m->views) {
-            put_real(f, m->points[i].x);
-            put_real(f, m->points[i].y);
-            put_int(f, (uint64_t) i + 1, 8);
+            sg_put_real(f, m->points[i].x);
+            sg_put_real(f, m->points[i].y);
+            sg_put_int(f, (uint64_t) i + 1, 8);
         }
     }
 }
 
 static void put_points(FILE *f, const struct synth_colmap *m)
 {
-    put_int(f, (uint64_t) m->n_points, 8);
+    sg_put_int(f, (uint64_t) m->n_points, 8);
     for (int i = 0; i < m->n_points; i++) {
         const struct synth_point *p = &m->points[i];
-        put_int(f, (uint64_t) i + 1, 8);
-        put_real(f, p->p.x);
-        put_real(f, p->p.y);
-        put_real(f, p->p.z);
+        sg_put_int(f, (uint64_t) i + 1, 8);
+        sg_put_real(f, p->p.x);
+        sg_put_real(f, p->p.y);
+        sg_put_real(f, p->p.z);
         fwrite(p->rgb, 1, 3, f);
-        put_real(f, 0);
-        put_int(f, 1, 8); /* seen once: by this image, as its observation number i / views */
-        put_int(f, (uint64_t) m->view_of[i % m->views] + 1, 4);
-        put_int(f, (uint64_t) (i / m->views), 4);
+        sg_put_real(f, 0);
+        sg_put_int(f, 1, 8); /* seen once: by this image, as its observation number i / views */
+        sg_put_int(f, (uint64_t) m->view_of[i % m->views] + 1, 4);
+        sg_put_int(f, (uint64_t) (i / m->views), 4);
     }
 }
 
