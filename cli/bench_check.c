@@ -144,6 +144,15 @@ static int read_options(const struct reader *r, json_t *list, const char *where,
     return code;
 }
 
+/* The options in a list of an object of the plan. */
+static int read_list(const struct reader *r, const json_t *object, const char *where,
+                     const char *list, const struct command *command)
+{
+    char inside[160];
+    snprintf(inside, sizeof(inside), "%s.%s", where, list);
+    return read_options(r, json_object_get(object, list), inside, command);
+}
+
 /* A list of names in a block of runs: of entries of the table of the same name. */
 static int check_names(const struct reader *r, const json_t *block, size_t index, const char *list)
 {
@@ -244,13 +253,10 @@ static int check_scenes(const struct reader *r)
                      {"options", &command_train},
                      {"train", &command_train},
                      {"attack", &command_attack}};
-        for (int i = 0; i < 5 && !code; i++) {
-            snprintf(where, sizeof(where), "scenes.%.80s.%s", name, lists[i].list);
-            code = read_options(r, json_object_get(scene, lists[i].list), where, lists[i].command);
-        }
+        for (int i = 0; i < 5 && !code; i++)
+            code = read_list(r, scene, where, lists[i].list, lists[i].command);
         if (code)
             return code;
-        snprintf(where, sizeof(where), "scenes.%.80s", name);
         if (json_object_get(scene, "preset") && !json_is_string(json_object_get(scene, "preset")))
             return plan_wrong(r, "%s.preset: expected a text", where);
         if (!json_object_get(scene, "synth") == !json_is_string(json_object_get(scene, "path")))
@@ -279,13 +285,10 @@ static int check_lists(const struct reader *r, const char *table)
         snprintf(where, sizeof(where), "%s.%.80s", table, name);
         if (json_is_object(value) && !strcmp(table, DEFENSES)) {
             code = check_keys(r, value, where, "train|prune|from");
-            snprintf(where, sizeof(where), "%s.%.80s.train", table, name);
             if (!code)
-                code = read_options(r, json_object_get(value, "train"), where, &command_train);
-            snprintf(where, sizeof(where), "%s.%.80s.prune", table, name);
+                code = read_list(r, value, where, "train", &command_train);
             if (!code)
-                code = read_options(r, json_object_get(value, "prune"), where, &command_prune);
-            snprintf(where, sizeof(where), "%s.%.80s", table, name);
+                code = read_list(r, value, where, "prune", &command_prune);
             const json_t *from = json_object_get(value, "from");
             if (!code && !json_object_get(value, "train") == !json_object_get(value, "prune"))
                 code = plan_wrong(
