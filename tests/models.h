@@ -95,6 +95,28 @@ static inline void make_photos(sg_ctx *ctx, const struct sg_model *m, int side,
     sg_renderer_destroy(&r);
 }
 
+/* What an engine holds, in one: the model and the state of its optimiser. */
+struct held {
+    struct sg_model *m;
+    struct sg_columns o;
+};
+
+static inline struct held held_by(sg_ctx *ctx, struct sg_engine *e, int degree)
+{
+    struct held h;
+    assert_int_equal(sg_model_create(ctx, sg_engine_count(e), degree, &h.m), SG_OK);
+    assert_int_equal(sg_columns_create(ctx, sg_engine_count(e), degree, SG_COLUMN_SAVED, &h.o),
+                     SG_OK);
+    assert_int_equal(sg_engine_download(e, h.m, &h.o), SG_OK);
+    return h;
+}
+
+static inline void forget(struct held *h)
+{
+    sg_model_destroy(&h->m);
+    sg_columns_clear(&h->o);
+}
+
 /* Engines share their device with those that are there already: one that is there until the end
  * saves the others the time to open it and to compile its kernels. */
 static struct sg_engine *kept_engine;

@@ -317,29 +317,6 @@ static void test_refused_model(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* The model and moments of an engine, with room for so many Gaussians. */
-struct held {
-    struct sg_model *m;
-    struct sg_columns o;
-    size_t count, floats;
-};
-
-static struct held held_by(sg_ctx *ctx, struct sg_engine *e)
-{
-    struct held h = {.count = sg_engine_count(e)};
-    assert_int_equal(sg_model_create(ctx, h.count, 1, &h.m), SG_OK);
-    assert_int_equal(sg_columns_create(ctx, h.count, 1, SG_COLUMN_SAVED, &h.o), SG_OK);
-    assert_int_equal(sg_engine_download(e, h.m, &h.o), SG_OK);
-    h.floats = h.m->capacity * (size_t) sg_param_count(1);
-    return h;
-}
-
-static void forget(struct held *h)
-{
-    sg_model_destroy(&h->m);
-    sg_columns_clear(&h->o);
-}
-
 /* An edit of which an allocation fails leaves the model before it or after it, whole. Moments for
  * which there was no memory are zeros. */
 static void test_refused_edit(void **state)
@@ -365,26 +342,28 @@ static void test_refused_edit(void **state)
     for (uint64_t nth = 0; failed; nth++) { /* 0: none */
         struct sg_engine *e = make_engine(ctx, main_engine(), NULL, m, &o);
         if (!nth)
-            before = held_by(ctx, e);
+            before = held_by(ctx, e, 1);
         fail_call(CALL_AllocateMemory, nth, VK_ERROR_OUT_OF_DEVICE_MEMORY);
         const int code = sg_engine_edit(e, &edit);
         failed = call_failed();
         assert_int_equal(code, failed ? SG_ERR_BUDGET : SG_OK);
         sg_clear_error(ctx);
-        struct held found = held_by(ctx, e);
+        struct held found = held_by(ctx, e, 1);
         if (!nth)
             after = found, failed = true;
-        const struct held *right = found.count == N ? &before : &after;
-        assert_int_equal(found.count, right->count);
-        assert_memory_equal(found.m->params, right->m->params, right->floats * sizeof(float));
+        const size_t count = found.m->count;
+        const struct held *right = count == N ? &before : &after;
+        const size_t floats = right->m->capacity * (size_t) sg_param_count(1);
+        assert_int_equal(count, right->m->count);
+        assert_memory_equal(found.m->params, right->m->params, floats * sizeof(float));
         for (int c = SG_C_MOMENT1; c <= SG_C_MOMENT2; c++) {
             const bool zeros = found.o.at[c][0] == 0;
-            for (size_t i = 0; i < right->floats; i++)
+            for (size_t i = 0; i < floats; i++)
                 assert_true(found.o.at[c][i] == (zeros ? 0 : right->o.at[c][i]));
-            assert_true(!zeros || (code && found.count != N));
+            assert_true(!zeros || (code && count != N));
             dropped += zeros;
         }
-        unedited += code && found.count == N;
+        unedited += code && count == N;
         if (nth)
             forget(&found);
         sg_engine_destroy(&e);

@@ -274,22 +274,6 @@ static struct sg_columns make_optimiser(sg_ctx *ctx, size_t n, int degree)
     return o;
 }
 
-/* What an engine holds, in one: the model and the state of its optimiser. */
-struct held {
-    struct sg_model *m;
-    struct sg_columns o;
-};
-
-static struct held held_by(sg_ctx *ctx, struct sg_engine *e, int degree)
-{
-    struct held h;
-    assert_int_equal(sg_model_create(ctx, sg_engine_count(e), degree, &h.m), SG_OK);
-    assert_int_equal(sg_columns_create(ctx, sg_engine_count(e), degree, SG_COLUMN_SAVED, &h.o),
-                     SG_OK);
-    assert_int_equal(sg_engine_download(e, h.m, &h.o), SG_OK);
-    return h;
-}
-
 static void assert_held(int k, const char *what, const struct held *a, const struct held *b)
 {
     const size_t bytes = values_of(b->m) * sizeof(float), each = b->m->count * sizeof(float);
@@ -299,12 +283,6 @@ static void assert_held(int k, const char *what, const struct held *a, const str
         memcmp(a->o.at[SG_C_GRAD_SUM], b->o.at[SG_C_GRAD_SUM], each) ||
         memcmp(a->o.at[SG_C_GRAD_COUNT], b->o.at[SG_C_GRAD_COUNT], each))
         fail_msg("%s: %s: the model or its state differs", case_name(cases[k]), what);
-}
-
-static void forget(struct held *h)
-{
-    sg_model_destroy(&h->m);
-    sg_columns_clear(&h->o);
 }
 
 /* upload and adopt leave the same; adopt takes what it is given. */
