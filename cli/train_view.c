@@ -23,7 +23,6 @@ struct train_view {
     int scored;         /* the iteration that they are of */
     sg_run *run;
     const struct sg_run_params *params;
-    uint64_t removed; /* by the defense */
     double said;      /* when the page was told the state */
     double free_from; /* when the next picture may be drawn */
 };
@@ -64,7 +63,7 @@ static void say_state(struct train_view *v, const struct progress *p,
         (json_int_t) s.limits.max_gaussians, "loss", number_json(step ? p->loss : NAN), "psnr",
         number_json(step ? p->psnr : NAN), "memory", (json_int_t) resident_bytes(0), "max_memory",
         (json_int_t) v->params->max_memory, "seconds_left", number_json(left), "defense",
-        s.defended, "removed", (json_int_t) v->removed, "paused", paused);
+        s.defended, "removed", (json_int_t) s.filter_removed, "paused", paused);
     char *text = state ? json_dumps(state, JSON_COMPACT) : NULL;
     if (text)
         view_server_set_state(v->server, text);
@@ -150,7 +149,6 @@ bool train_view_step(struct train_view *v, struct progress *progress,
                      const struct sg_train_step *step)
 {
     const double begin = clock_seconds();
-    v->removed += step->defense.removed;
     if (begin - v->said > SAID_EVERY)
         say_state(v, progress, step, false);
     if (begin > v->free_from)

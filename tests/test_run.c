@@ -245,12 +245,15 @@ static void test_cancelled_count(void **state)
     p.train.defense.interval = 7, p.train.defense.views = 4, p.train.defense.from = 0,
     p.train.defense.until = 24, p.train.densify_until_iter = 24;
     assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_OK);
+    const uint64_t removed = s.filter_removed;
     cancel.over = false;
     p.folder = at("counted");
     assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
     assert_string_equal(sg_last_error(ctx), "interrupted at iteration 7; saved");
     assert_true(cancel.over && s.iteration == 7 && s.saved == 7 && s.resumable);
+    assert_in_range(s.filter_removed, 1, removed - 1);
     assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_OK);
+    assert_int_equal(s.filter_removed, removed); /* those of the first process too */
     assert_same_model(ctx, whole, p.folder);
     sg_ctx_destroy(&ctx);
 }

@@ -115,13 +115,14 @@ SG_API int sg_run_open(sg_ctx *ctx, const struct sg_run_params *params, enum sg_
 SG_API int sg_run_train(sg_run *run);
 
 struct sg_run_status {
-    int iteration;  /* done */
-    int iterations; /* of the parameters */
-    int saved;      /* iteration of the newest model in the folder, 0 = none */
-    bool finished;  /* it was done already when it was opened: nothing is left to do */
-    bool resumable; /* the newest checkpoint is of the newest model */
-    int ended_by;   /* error that ended it early with a model saved, or SG_OK */
-    bool defended;  /* by the spectral defense: asked for, or turned on by the audit */
+    int iteration;           /* done */
+    int iterations;          /* of the parameters */
+    int saved;               /* iteration of the newest model in the folder, 0 = none */
+    bool finished;           /* it was done already when it was opened: nothing is left to do */
+    bool resumable;          /* the newest checkpoint is of the newest model */
+    int ended_by;            /* error that ended it early with a model saved, or SG_OK */
+    bool defended;           /* by the spectral defense: asked for, or turned on by the audit */
+    uint64_t filter_removed; /* Gaussians that the defense's filter has removed, in all processes */
     struct sg_train_limits limits;
 };
 SG_API void sg_run_status(const sg_run *run, struct sg_run_status *out);

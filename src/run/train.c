@@ -514,7 +514,8 @@ void sg_run_status(const sg_run *r, struct sg_run_status *out)
                                   .finished = r->finished,
                                   .resumable = r->resumable,
                                   .ended_by = r->ended_by,
-                                  .defended = r->train.defense.on};
+                                  .defended = r->train.defense.on,
+                                  .filter_removed = r->totals.filter_removed};
     sg_trainer_limits(r->trainer, &out->limits);
 }
 
