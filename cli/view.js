@@ -296,7 +296,7 @@ async function poll() {
     } catch {
         if (++lost > 2) {
             for (const id of ['pause', 'stop']) $(id).disabled = true;
-            return show('splatguard has ended. `splatguard view RUN` shows what it has saved.', true);
+            return show('splatguard has ended. `splatguard view RUN` shows what it has saved.');
         }
         return setTimeout(poll, 1000);
     }
