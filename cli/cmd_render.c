@@ -51,21 +51,6 @@ static void defaults(void *config)
         (struct render_config){.m = model_options_default(), .frames = 120};
 }
 
-/* Where alpha is too small for a depth the picture is black. */
-static void depth_picture(const float *depth, const float *alpha, size_t n, uint8_t *out)
-{
-    float near = 1e30f, far = 0;
-    for (size_t i = 0; i < n; i++)
-        if (alpha[i] > 0.5f) {
-            near = depth[i] < near ? depth[i] : near;
-            far = depth[i] > far ? depth[i] : far;
-        }
-    for (size_t i = 0; i < n; i++)
-        out[i] = alpha[i] > 0.5f
-                     ? (uint8_t) (255 - (far > near ? 225 * (depth[i] - near) / (far - near) : 0))
-                     : 0;
-}
-
 struct buffers {
     float *rgb, *alpha, *depth;
     uint8_t *bytes;
@@ -106,15 +91,13 @@ static int render_view(const struct render_config *c, struct model_views *v,
         sg_quantise(b->rgb, w, h, b->bytes);
         error = sg_picture_write_png(v->ctx, path, b->bytes, w, h, 3);
     }
-    if (!error && c->depth) {
+    if (!error && c->depth && c->pfm) {
         for (size_t i = 0; i < n; i++) /* the weighted sum becomes the mean */
             b->depth[i] = b->alpha[i] > 0 ? b->depth[i] / b->alpha[i] : 0;
-        if (c->pfm)
-            error = sg_picture_write_pfm(v->ctx, depth_path, b->depth, w, h, 1);
-        else {
-            depth_picture(b->depth, b->alpha, n, b->bytes);
-            error = sg_picture_write_png(v->ctx, depth_path, b->bytes, w, h, 1);
-        }
+        error = sg_picture_write_pfm(v->ctx, depth_path, b->depth, w, h, 1);
+    } else if (!error && c->depth) {
+        depth_to_grey(b->depth, b->alpha, n, 1, b->bytes);
+        error = sg_picture_write_png(v->ctx, depth_path, b->bytes, w, h, 1);
     }
     if (!error && c->photo)
         error = copy_photo(v, view, photo_path);

@@ -2,6 +2,7 @@
 #include "model_views.h"
 
 #include <limits.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -91,6 +92,22 @@ void render_as_trained(struct sg_render_params *render, const struct sg_train_pa
 {
     if (train->model == SG_MODEL_MIP && render->mip_kernel == 0)
         render->mip_kernel = train->mip.kernel;
+}
+
+void depth_to_grey(const float *depth, const float *alpha, size_t n, int channels, uint8_t *out)
+{
+    float near = INFINITY, far = 0;
+    for (size_t i = 0; i < n; i++)
+        if (alpha[i] > 0.5f) {
+            near = fminf(near, depth[i] / alpha[i]);
+            far = fmaxf(far, depth[i] / alpha[i]);
+        }
+    for (size_t i = 0; i < n; i++) {
+        float grey = 0;
+        if (alpha[i] > 0.5f)
+            grey = 1 - (far > near ? 0.88f * (depth[i] / alpha[i] - near) / (far - near) : 0);
+        memset(out + i * (size_t) channels, (int) (255 * grey + 0.5f), (size_t) channels);
+    }
 }
 
 int model_views_find(struct model_views *v, const char *model, const struct command *command,

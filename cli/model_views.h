@@ -82,6 +82,10 @@ struct model_views {
 /* Draws the models of a run as it does, unless the command line says how. */
 void render_as_trained(struct sg_render_params *render, const struct sg_train_params *train);
 
+/* A picture of what sg_render says of n pixels: the nearest white, the farthest dark grey, and
+ * black where alpha is too small for a depth. */
+void depth_to_grey(const float *depth, const float *alpha, size_t n, int channels, uint8_t *out);
+
 /* MODEL is a model's file or a run's folder, whose scene and scene options apply where the command
  * line has none. config is the command's, options its `struct model_options`. Returns an exit code;
  * close in any case. */

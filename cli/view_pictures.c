@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "commands.h"
+#include "model_views.h"
 
 #define EXAGGERATED 4 /* grey levels of a difference, to see small ones */
 #define SAMPLED 100000
@@ -159,22 +160,6 @@ static void put_grey(uint8_t *to, size_t i, float value)
     memset(to + 3 * i, (int) (255 * (value < 0 ? 0 : value > 1 ? 1 : value) + 0.5f), 3);
 }
 
-/* Near is white, far is dark, and where alpha is too small for a depth it is black. */
-static void put_depth(const float *depth, const float *alpha, size_t n, uint8_t *to)
-{
-    float near = INFINITY, far = 0;
-    for (size_t i = 0; i < n; i++)
-        if (alpha[i] > 0.5f) {
-            near = fminf(near, depth[i] / alpha[i]);
-            far = fmaxf(far, depth[i] / alpha[i]);
-        }
-    for (size_t i = 0; i < n; i++)
-        put_grey(to, i,
-                 alpha[i] > 0.5f
-                     ? 1 - (far > near ? 0.88f * (depth[i] / alpha[i] - near) / (far - near) : 0)
-                     : 0);
-}
-
 static bool make_room(struct view_pictures *v, size_t n)
 {
     if (n <= v->pixels)
@@ -207,7 +192,7 @@ static bool draw(struct view_pictures *v, const struct view_ask *ask, sg_rendere
     if (ask->kind == VIEW_COLOUR || ask->kind >= VIEW_SCORE)
         sg_quantise(rgb, w, h, to);
     else if (ask->kind == VIEW_DEPTH)
-        put_depth(depth, alpha, n, to);
+        depth_to_grey(depth, alpha, n, 3, to);
     else if (ask->kind == VIEW_ALPHA)
         for (size_t i = 0; i < n; i++)
             put_grey(to, i, alpha[i]);
