@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -365,6 +366,7 @@ static void test_attack(void **state)
 }
 
 struct full_disk {
+    const char *log; /* of the run */
     struct rlimit before;
     int fails; /* warnings */
 };
@@ -433,6 +435,47 @@ static void test_full_disk(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Full as soon as test views are measured: log.jsonl cannot grow, smaller files can be written. */
+static int fill_at_measuring(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    (void) done, (void) total;
+    struct full_disk *d = priv;
+    struct rlimit now = d->before;
+    struct stat log;
+    if (stage == SG_STAGE_EVALUATE && !stat(d->log, &log)) {
+        now.rlim_cur = (rlim_t) log.st_size;
+        setrlimit(RLIMIT_FSIZE, &now);
+    }
+    return 0;
+}
+
+/* A run whose last line is lost is summed up all the same. */
+static void test_lost_line(void **state)
+{
+    (void) state;
+    struct full_disk disk = {.log = at("unlogged/log.jsonl")};
+    struct sg_run_params p = short_run(at("unlogged"));
+    struct sg_run_status s;
+    sg_ctx *ctx;
+    const struct sg_ctx_params params = {
+        .threads = 2, .progress = fill_at_measuring, .progress_priv = &disk};
+    assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
+    p.log_every = 1; /* the log is larger than the summary */
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &disk.before), 0);
+    signal(SIGXFSZ, SIG_IGN);
+    const int code = train(ctx, &p, SG_RUN_NEW, &s);
+    setrlimit(RLIMIT_FSIZE, &disk.before);
+    signal(SIGXFSZ, SIG_DFL);
+    assert_int_equal(code, SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "log.jsonl: cannot write"));
+    sg_run_summary *summary;
+    assert_int_equal(sg_run_summary_read(ctx, p.folder, &summary), SG_OK);
+    assert_true(sg_run_summary_number(summary, "iterations") == 24);
+    assert_true(sg_run_summary_number(summary, "psnr") > 5);
+    sg_run_summary_destroy(&summary);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -440,7 +483,7 @@ int main(void)
         cmocka_unit_test(test_folders),         cmocka_unit_test(test_cancelled_evaluation),
         cmocka_unit_test(test_cancelled_count), cmocka_unit_test(test_checks),
         cmocka_unit_test(test_attack),          cmocka_unit_test(test_exposure_keys),
-        cmocka_unit_test(test_full_disk),
+        cmocka_unit_test(test_full_disk),       cmocka_unit_test(test_lost_line),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -39,6 +39,20 @@ static bool was_cancelled(sg_run *r, int code)
     return r->stopped = true;
 }
 
+/* A file that cannot be written does not end the training. The first such error is returned at the
+ * end. */
+static void note_error(sg_run *r, int code)
+{
+    if (!code)
+        return;
+    sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
+    if (!r->write_error && code != SG_ERR_BUDGET) { /* there may be memory for the next */
+        r->write_error = code;
+        r->write_message = sg_strdup(r->ctx, sg_last_error(r->ctx));
+    }
+    sg_clear_error(r->ctx);
+}
+
 /* Measures the test views; fps only at the end. Where exposures are learned, also with those of the
  * test photos, or, where these are not known, after matching colours. */
 static int measure_views(sg_run *r, sg_renderer *renderer, bool time_fps)
@@ -82,21 +96,8 @@ static int measure(sg_run *r, bool time_fps)
     r->evaluated = sg_trainer_iteration(r->trainer);
     sg_log(r->ctx, SG_LOG_INFO, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views",
            r->evaluated, r->eval.psnr, r->eval.ssim, r->eval.views);
-    return sg_run_log_eval(r);
-}
-
-/* A file that cannot be written does not end the training. The first such error is returned at the
- * end. */
-static void note_error(sg_run *r, int code)
-{
-    if (!code)
-        return;
-    sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
-    if (!r->write_error && code != SG_ERR_BUDGET) { /* there may be memory for the next */
-        r->write_error = code;
-        r->write_message = sg_strdup(r->ctx, sg_last_error(r->ctx));
-    }
-    sg_clear_error(r->ctx);
+    note_error(r, sg_run_log_eval(r));
+    return SG_OK;
 }
 
 /* Before the end: the training goes on after an error, and stops where this is cancelled. */
