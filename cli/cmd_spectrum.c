@@ -122,12 +122,9 @@ static int parse_crop(const char *text, const struct sg_spectrum_image *images, 
     return 0;
 }
 
-static int run_spectrum(const void *config, const bool *given, const char *const *positional,
-                        int count)
+static int check_options(const struct spectrum_config *c, const bool *given,
+                         const char *const *positional, int count)
 {
-    const struct spectrum_config *c = config;
-    struct sg_spectrum_image images[OPTIONS_MAX_POSITIONAL] = {0};
-    sg_ctx *ctx;
     const size_t drawn[] = {S(crop), S(gain)};
     for (size_t i = 0; i < 2; i++)
         if (!c->output && options_given(&command_spectrum, given, drawn[i])) {
@@ -158,7 +155,18 @@ static int run_spectrum(const void *config, const bool *given, const char *const
                 c->output);
             return STATUS_USAGE;
         }
-    int code = open_context(&ctx, 0, c->max_memory, c->quiet);
+    return 0;
+}
+
+static int run_spectrum(const void *config, const bool *given, const char *const *positional,
+                        int count)
+{
+    const struct spectrum_config *c = config;
+    struct sg_spectrum_image images[OPTIONS_MAX_POSITIONAL] = {0};
+    sg_ctx *ctx;
+    int code = check_options(c, given, positional, count);
+    if (!code)
+        code = open_context(&ctx, 0, c->max_memory, c->quiet);
     if (code)
         return code;
     if (c->output)
