@@ -13,6 +13,7 @@
 #include "image/total_variation.h"
 #include "option/option.h"
 #include "scene/photo.h"
+#include "scene/used.h"
 #include "splatguard/defense.h"
 #include "splatguard/eval.h"
 
@@ -125,14 +126,11 @@ static struct sg_identity identity_of(const struct sg_attack_params *p,
 static int allocate(sg_attack *a, const struct sg_scene *scene)
 {
     sg_ctx *ctx = a->ctx;
-    size_t pixels = 0;
+    const size_t pixels = sg_views_largest(scene->train, scene->n_train);
     int height = 0;
-    for (size_t i = 0; i < scene->n_train; i++) {
-        const struct sg_camera *c = &scene->train[i].camera;
-        const size_t n = (size_t) c->width * (size_t) c->height;
-        pixels = n > pixels ? n : pixels;
-        height = c->height > height ? c->height : height;
-    }
+    for (size_t i = 0; i < scene->n_train; i++)
+        if (scene->train[i].camera.height > height)
+            height = scene->train[i].camera.height;
     a->image = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     a->photo = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     a->scratch = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));

@@ -8,6 +8,7 @@
 #include "core/context.h"
 #include "math/exposure.h"
 #include "scene/photo.h"
+#include "scene/used.h"
 #include "splatguard/eval.h"
 
 #define WARM_UP 10
@@ -152,13 +153,9 @@ static int score_view(sg_ctx *ctx, const struct sg_view *v, size_t index,
     return code;
 }
 
-int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n,
-                const struct sg_eval_params *params, struct sg_eval *out)
+static int check(sg_ctx *ctx, const struct sg_view *views, size_t n,
+                 const struct sg_eval_params *params)
 {
-    const struct sg_eval_params none = {0};
-    params = params ? params : &none;
-    sg_clear_error(ctx);
-    *out = (struct sg_eval){0};
     if (!n)
         return sg_fail(ctx, SG_ERR_INPUT, "evaluation: found no views, expected at least one");
     if (params->exposures && (params->match_colours || !params->photos))
@@ -172,14 +169,42 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
                 "evaluation: view %s: found no training photo of it, expected one, whose "
                 "exposure is known",
                 views[i].name);
-    size_t pixels = 0;
+    return SG_OK;
+}
+
+/* Means over the views with a used pixel. */
+static int average(sg_ctx *ctx, struct sg_eval *e)
+{
     double measured = 0;
-    out->views = n;
-    for (size_t i = 0; i < n; i++) {
-        const size_t p = (size_t) views[i].camera.width * (size_t) views[i].camera.height;
-        pixels = p > pixels ? p : pixels;
+    for (size_t i = 0; i < e->views; i++) {
+        const struct sg_view_score *view = &e->per_view[i];
+        if (isnan(view->psnr))
+            continue;
+        measured++;
+        e->psnr += view->psnr, e->ssim += view->ssim;
+        e->corrected_psnr += view->corrected_psnr, e->corrected_ssim += view->corrected_ssim;
     }
-    int code = SG_ERR_BUDGET;
+    if (!(measured > 0))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "evaluation: found no view with a used pixel, expected at least one");
+    e->psnr /= measured, e->ssim /= measured;
+    e->corrected_psnr /= measured, e->corrected_ssim /= measured;
+    return SG_OK;
+}
+
+int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n,
+                const struct sg_eval_params *params, struct sg_eval *out)
+{
+    const struct sg_eval_params none = {0};
+    params = params ? params : &none;
+    sg_clear_error(ctx);
+    *out = (struct sg_eval){0};
+    int code = check(ctx, views, n, params);
+    if (code)
+        return code;
+    const size_t pixels = sg_views_largest(views, n);
+    out->views = n;
+    code = SG_ERR_BUDGET;
     float *rgb = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     uint8_t *bytes = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3);
     uint8_t *target = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3);
@@ -188,30 +213,17 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         goto done;
     for (size_t i = 0; i < n; i++) {
         const struct sg_camera *c = &views[i].camera;
-        struct sg_view_score *view = &out->per_view[i];
         const size_t timed = params->fps ? WARM_UP + ROUNDS * n : 0;
         sg_renderer_set_index(r, i);
         if (params->photos && params->appearances)
             sg_renderer_set_photo(r, params->photos[i]);
         if ((code = sg_progress(ctx, SG_STAGE_EVALUATE, i, n + timed)) ||
-            (code = sg_render(r, c, rgb, NULL, NULL, NULL)))
+            (code = sg_render(r, c, rgb, NULL, NULL, NULL)) ||
+            (code = score_view(ctx, &views[i], i, params, rgb, bytes, target, &out->per_view[i])))
             goto done;
-        if ((code = score_view(ctx, &views[i], i, params, rgb, bytes, target, view)))
-            goto done;
-        if (isnan(view->psnr))
-            continue;
-        measured++;
-        out->psnr += view->psnr, out->ssim += view->ssim;
-        out->corrected_psnr += view->corrected_psnr, out->corrected_ssim += view->corrected_ssim;
     }
-    if (!(measured > 0)) {
-        code = sg_fail(ctx, SG_ERR_INPUT,
-                       "evaluation: found no view with a used pixel, expected at least one");
-        goto done;
-    }
-    out->psnr /= measured, out->ssim /= measured;
-    out->corrected_psnr /= measured, out->corrected_ssim /= measured;
-    if (params->fps)
+    code = average(ctx, out);
+    if (!code && params->fps)
         code = time_frames(ctx, r, views, n, rgb, out);
 done:
     sg_renderer_set_index(r, SIZE_MAX);

@@ -17,4 +17,15 @@ static inline bool sg_views_used(const struct sg_view *views, size_t n)
     return false;
 }
 
+/* Pixels of the largest of these views. */
+static inline size_t sg_views_largest(const struct sg_view *views, size_t n)
+{
+    size_t largest = 0;
+    for (size_t i = 0; i < n; i++) {
+        const size_t pixels = (size_t) views[i].camera.width * (size_t) views[i].camera.height;
+        largest = pixels > largest ? pixels : largest;
+    }
+    return largest;
+}
+
 #endif

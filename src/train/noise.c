@@ -10,6 +10,7 @@
 #include "core/compare.h"
 #include "defense/residual.h"
 #include "scene/photo.h"
+#include "scene/used.h"
 #include "schedule.h"
 #include "trainer.h"
 
@@ -232,18 +233,16 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
 
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
 {
-    size_t tolerated = 0, pixels = 0;
+    size_t tolerated = 0;
     *out = (struct sg_noise){0};
-    for (size_t i = 0; i < t->scene->n_train; i++) {
-        const struct sg_camera *c = &t->scene->train[i].camera;
-        const size_t n = (size_t) c->width * (size_t) c->height;
+    for (size_t i = 0; i < t->scene->n_train; i++)
         tolerated += sg_trainer_tolerance(t, i) > 0;
-        pixels = n > pixels ? n : pixels;
-    }
     if (!tolerated)
         return SG_OK;
     struct eye e = {.t = t, .sh_degree = sg_active_degree(&t->params, t->start_degree, it)};
-    e.image = sg_alloc_raw(t->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*e.image));
+    e.image =
+        sg_alloc_raw(t->ctx, SG_MEM_FRAME, sg_views_largest(t->scene->train, t->scene->n_train),
+                     3 * sizeof(*e.image));
     int code = e.image ? sg_trainer_exposures(t, &e.exposures) : SG_ERR_BUDGET;
     if (!code)
         code = measure(&e, tolerated, out);
