@@ -24,7 +24,7 @@ struct attack_run {
     bool stopped;               /* by the caller */
     struct {
         double seconds, inner_seconds, inner_bytes;
-        uint64_t max_gaussians;
+        uint64_t max_gaussians, peak_rss; /* bytes */
     } totals; /* of the whole attack: a resumed attack starts from those in its log */
     struct sg_attack_run_status *status;
 };

@@ -11,6 +11,17 @@
 #include "core/rng.h"
 #include "scene/photo.h"
 
+/* The most memory that this process and those before it had. */
+static uint64_t peak_rss(struct attack_run *r)
+{
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    const uint64_t here = 1024 * (uint64_t) usage.ru_maxrss;
+    if (here > r->totals.peak_rss)
+        r->totals.peak_rss = here;
+    return r->totals.peak_rss;
+}
+
 /* Keeps the lines up to the checkpoint. */
 static bool take(void *arg, const json_t *line)
 {
@@ -24,6 +35,7 @@ static bool take(void *arg, const json_t *line)
     r->totals.inner_seconds = json_number_value(json_object_get(line, "inner_seconds"));
     r->totals.inner_bytes = json_number_value(json_object_get(line, "inner_bytes"));
     r->totals.max_gaussians = (uint64_t) json_integer_value(json_object_get(line, "max_gaussians"));
+    r->totals.peak_rss = (uint64_t) json_integer_value(json_object_get(line, "peak_rss_bytes"));
     return true;
 }
 
@@ -54,11 +66,12 @@ int sg_attack_log_step(struct attack_run *r)
         return 0;
     r->logged = s->iteration;
     json_t *line = json_pack(
-        "{s:i,s:I,s:n,s:n,s:n,s:n,s:o,s:I,s:o,s:o,s:o}", "iteration", s->iteration, "gaussians",
+        "{s:i,s:I,s:n,s:n,s:n,s:n,s:o,s:I,s:o,s:o,s:o,s:I}", "iteration", s->iteration, "gaussians",
         (json_int_t) s->gaussians, "loss", "l1", "ssim", "psnr", "tv", sg_number_json(s->tv),
         "max_gaussians", (json_int_t) r->totals.max_gaussians, "seconds",
         sg_number_json(r->totals.seconds), "inner_seconds", sg_number_json(r->totals.inner_seconds),
-        "inner_bytes", sg_number_json(r->totals.inner_bytes));
+        "inner_bytes", sg_number_json(r->totals.inner_bytes), "peak_rss_bytes",
+        (json_int_t) peak_rss(r));
     return sg_run_log_later(&r->log, line, sg_attack_view(r->attack));
 }
 
@@ -268,8 +281,6 @@ int sg_attack_write(struct attack_run *r)
         json_decref(images);
         return code;
     }
-    struct rusage usage;
-    getrusage(RUSAGE_SELF, &usage);
     const double n = t.poisoned ? (double) t.poisoned : NAN; /* of none: null */
     json_t *growth = json_array();
     if (r->attack && sg_run_log_read(r->ctx, r->log.path, add_growth, growth))
@@ -302,7 +313,7 @@ int sg_attack_write(struct attack_run *r)
                                ? 1e-9 * r->totals.inner_bytes / r->totals.inner_seconds
                                : 0));
     }
-    PUT("peak_rss_bytes", json_integer((json_int_t) usage.ru_maxrss * 1024));
+    PUT("peak_rss_bytes", json_integer((json_int_t) peak_rss(r)));
     PUT("threads", json_integer(sg_ctx_threads(r->ctx)));
 #undef PUT
     if (!whole) {

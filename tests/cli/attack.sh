@@ -55,7 +55,9 @@ expect 2 attack --resume cut -q; says 'if it has moved, name its place with -s S
 expect 1 attack moved/blender --resume cut; says '-s SCENE names the place of a scene that has moved'
 mv moved scene
 sed -i "s/\"iterations\": 20000/\"iterations\": $((reached + after))/" cut/attack/config.json
+sed -i '$s/"peak_rss_bytes":[0-9]*/"peak_rss_bytes":123456789012/' cut/attack/log.jsonl # more than the second process has
 (cd scene && "$tool" attack --resume ../cut --quiet) || fail "resumed from another folder"
+grep -q '"peak_rss_bytes": 123456789012' cut/poison.json || fail "a resumed attack has forgotten its most memory"
 [ -s cut/attack/decoy.ply ] || fail "a resumed attack has forgotten --keep-decoy"
 cksum cut/train/* cut/attack/log.jsonl >before
 expect 0 attack --resume cut --quiet; says 'finished'
