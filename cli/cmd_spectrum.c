@@ -5,6 +5,7 @@
 #include <strings.h>
 
 #include "commands.h"
+#include "interrupt.h"
 
 struct spectrum_config {
     const char *output, *crop;
@@ -165,6 +166,7 @@ static int run_spectrum(const void *config, const bool *given, const char *const
     struct sg_spectrum_image images[OPTIONS_MAX_POSITIONAL] = {0};
     sg_ctx *ctx;
     int code = check_options(c, given, positional, count);
+    interrupt_catch();
     if (!code)
         code = open_context(&ctx, 0, c->max_memory, c->quiet);
     if (code)
@@ -177,7 +179,8 @@ static int run_spectrum(const void *config, const bool *given, const char *const
         code = STATUS_USAGE;
     }
     for (int k = 0; k < count && !code; k++) {
-        const int error = load(ctx, positional[k], c, &images[k]);
+        const int error =
+            interrupted() ? SG_ERR_INTERRUPTED : load(ctx, positional[k], c, &images[k]);
         code = error ? report(ctx, error) : 0;
     }
     struct sg_spectrum_crop crop = {0};
