@@ -365,6 +365,85 @@ static void test_attack(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+static int stop_proxy(void *priv, const struct sg_train_step *step)
+{
+    (void) priv;
+    return step && step->iteration == 5;
+}
+
+static struct sg_attack_run_params short_attack(const char *folder)
+{
+    struct sg_attack_run_params p = sg_attack_run_params_default();
+    p.source = scene, p.folder = folder;
+    p.attack.iterations = 6, p.attack.inner = 2, p.attack.update_interval = 2;
+    p.proxy_iterations = 8;
+    return p;
+}
+
+/* A proxy that ended early without a checkpoint, as where memory runs out before it is saved, is no
+ * proxy: a resumed attack trains it again, and a new one may begin. */
+static void test_unfinished_proxy(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = new_context();
+    struct sg_attack_run_status s;
+    char folder[128], path[200];
+    snprintf(folder, sizeof(folder), "%s", at("halfway"));
+    struct sg_attack_run_params p = short_attack(folder);
+    for (int resumed = 0; resumed < 2; resumed++) {
+        p.proxy_step = stop_proxy;
+        assert_int_equal(sg_attack_run(ctx, &p, SG_RUN_REPLACE, &s), SG_ERR_INTERRUPTED);
+        assert_true(s.resumable);
+        snprintf(path, sizeof(path), "%s/attack/proxy/checkpoint.bin", folder);
+        assert_int_equal(unlink(path), 0);
+        snprintf(path, sizeof(path), "%s/attack/proxy", folder);
+        assert_int_equal(sg_run_find_model(ctx, path, 5, path, sizeof(path)), SG_OK);
+        p.proxy_step = NULL;
+        assert_int_equal(sg_attack_run(ctx, &p, resumed ? SG_RUN_RESUME : SG_RUN_NEW, &s), SG_OK);
+        snprintf(path, sizeof(path), "%s/poison.json", folder);
+        char *text;
+        size_t size;
+        assert_int_equal(sg_file_read(ctx, path, 1 << 20, &text, &size), SG_OK);
+        assert_non_null(strstr(text, "attack/proxy/point_cloud/iteration_8/point_cloud.ply"));
+        sg_free(text);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+/* Cancels from an iteration of the attack on, each time it is asked. */
+static int cancel_attack(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    (void) total;
+    return stage == SG_STAGE_ATTACK && done >= (uint64_t) * (int *) priv;
+}
+
+/* An attack that the context's progress function cancels is saved where it can be. */
+static void test_cancelled_attack(void **state)
+{
+    (void) state;
+    static const struct {
+        int cancel, save_every, checkpoint;
+    } cases[] = {{4, 0, 4}, {3, 0, 0}, {5, 3, 4}, {1, 1, 0}};
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        int from = cases[i].cancel;
+        sg_ctx *ctx;
+        const struct sg_ctx_params params = {
+            .threads = 1, .progress = cancel_attack, .progress_priv = &from};
+        assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
+        struct sg_attack_run_status s;
+        struct sg_attack_run_params p = short_attack(at("stopped"));
+        p.save_every = cases[i].save_every;
+        assert_int_equal(sg_attack_run(ctx, &p, SG_RUN_REPLACE, &s), SG_ERR_INTERRUPTED);
+        assert_true(s.resumable); /* if only from the proxy */
+        assert_int_equal(access(at("stopped/attack/checkpoint.bin"), F_OK),
+                         cases[i].checkpoint ? 0 : -1);
+        from = 100;
+        assert_int_equal(sg_attack_run(ctx, &p, SG_RUN_RESUME, &s), SG_OK);
+        assert_int_equal(s.first, cases[i].checkpoint);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
 struct full_disk {
     const char *log; /* of the run */
     struct rlimit before;
@@ -479,11 +558,12 @@ static void test_lost_line(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_resume),          cmocka_unit_test(test_resume_with_all_digits),
-        cmocka_unit_test(test_folders),         cmocka_unit_test(test_cancelled_evaluation),
-        cmocka_unit_test(test_cancelled_count), cmocka_unit_test(test_checks),
-        cmocka_unit_test(test_attack),          cmocka_unit_test(test_exposure_keys),
-        cmocka_unit_test(test_full_disk),       cmocka_unit_test(test_lost_line),
+        cmocka_unit_test(test_resume),           cmocka_unit_test(test_resume_with_all_digits),
+        cmocka_unit_test(test_folders),          cmocka_unit_test(test_cancelled_evaluation),
+        cmocka_unit_test(test_cancelled_count),  cmocka_unit_test(test_checks),
+        cmocka_unit_test(test_attack),           cmocka_unit_test(test_exposure_keys),
+        cmocka_unit_test(test_unfinished_proxy), cmocka_unit_test(test_cancelled_attack),
+        cmocka_unit_test(test_full_disk),        cmocka_unit_test(test_lost_line),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

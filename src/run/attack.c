@@ -68,15 +68,17 @@ static void apply_preset(struct attack_run *r)
     r->status->iterations = p->iterations;
 }
 
-/* SG_ERR_BUDGET unless the summary of the run says that all iterations were done. */
-static int check_whole(sg_ctx *ctx, const char *run, int iterations)
+/* Whether all iterations of the proxy are done, by the summary of its run. */
+static bool has_proxy(sg_ctx *ctx, const char *folder)
 {
-    json_t *s;
-    int code = sg_run_read_json(ctx, run, "summary.json", "summary.json of a run", &s);
-    if (!code && json_integer_value(json_object_get(s, "iterations")) != iterations)
-        code = sg_fail(ctx, SG_ERR_BUDGET, "%s: memory did not suffice for the proxy", run);
+    json_t *s = NULL;
+    const char name[] = "attack/proxy/summary.json";
+    if (sg_run_has(ctx, folder, name))
+        sg_run_read_json(ctx, folder, name, "summary.json of a run", &s);
+    sg_clear_error(ctx); /* without a summary that can be read it is not done */
+    const bool done = json_is_false(json_object_get(s, "interrupted"));
     json_decref(s);
-    return code;
+    return done;
 }
 
 /* Parameters of the proxy's training, or those that it was begun with. */
@@ -112,7 +114,7 @@ static int train_proxy(struct attack_run *r, char model[PATH_MAX])
     if (!folder)
         return SG_ERR_BUDGET;
     const bool begun = sg_run_has(r->ctx, folder, "checkpoint.bin"),
-               done = r->resume && !begun && sg_run_has(r->ctx, folder, "summary.json"),
+               done = r->resume && !begun && has_proxy(r->ctx, p->folder),
                resume = r->resume && begun;
     struct sg_run_params t = proxy_params(p, folder), own = {0};
     int code = SG_OK;
@@ -129,18 +131,16 @@ static int train_proxy(struct attack_run *r, char model[PATH_MAX])
                               true, &run);
         if (!code)
             code = sg_run_train(run);
-        struct sg_run_status status = {0};
-        if (run)
-            sg_run_status(run, &status);
-        r->status->resumable = status.resumable;
         sg_run_close(&run);
-        if (!code)
-            code = check_whole(r->ctx, folder, p->proxy_iterations);
+        if (!code && !has_proxy(r->ctx, p->folder))
+            code =
+                sg_fail(r->ctx, SG_ERR_BUDGET, "%s: memory did not suffice for the proxy", folder);
         char *checkpoint = sg_strf(r->ctx, "%s/checkpoint.bin", folder);
         if (!code && checkpoint)
             unlink(checkpoint); /* marks it as complete; only its model is needed */
         sg_free(checkpoint);
     }
+    r->has_proxy = !code;
     if (!code)
         code = sg_run_find_model(r->ctx, folder, 0, model, PATH_MAX);
     sg_run_params_clear(&own);
@@ -174,15 +174,23 @@ static void note_error(const struct attack_run *r, int code)
 static int loop(struct attack_run *r)
 {
     const struct sg_attack_params *p = &r->attack_params;
-    int code = SG_OK, done = sg_attack_iteration(r->attack);
+    int code = SG_OK, done = sg_attack_iteration(r->attack), saved = done;
     /* A stopped attack continues to the next iteration at which it can be saved. */
     while (!code && done < p->iterations && (!r->stopped || done % p->update_interval)) {
         const double start = sg_seconds();
+        const int before = done;
         code = sg_attack_advance(r->attack, &r->step);
         r->totals.seconds += sg_seconds() - start;
+        done = sg_attack_iteration(r->attack);
+        if (code == SG_ERR_INTERRUPTED) { /* by the context's progress function */
+            r->stopped = true;
+            if (done == before)
+                break;
+            sg_clear_error(r->ctx); /* this iteration was done first */
+            code = SG_OK;
+        }
         if (code)
             return code;
-        done = r->step.iteration;
         r->totals.inner_seconds += r->step.inner_seconds;
         r->totals.inner_bytes += (double) r->step.inner_bytes;
         if (r->step.gaussians > r->totals.max_gaussians)
@@ -191,18 +199,30 @@ static int loop(struct attack_run *r)
         if (done % 100 == 0 || done == 1 || done == p->iterations)
             note_error(r, sg_attack_log_step(r));
         note_error(r, sg_run_log_settle(&r->log, done == p->iterations));
-        if (r->params->save_every && done % r->params->save_every == 0 &&
-            done % p->update_interval == 0 && done < p->iterations)
+        if (r->params->save_every && sg_due(saved, done, r->params->save_every) &&
+            done % p->update_interval == 0 && done < p->iterations) {
             note_error(r, save_checkpoint(r));
-    }
-    if (!code && done < p->iterations) {
-        code = save_checkpoint(r);
-        if (!code) {
-            r->status->resumable = true;
-            code = sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted at iteration %d; saved", done);
+            saved = done;
         }
     }
-    return code;
+    if (done == p->iterations || done % p->update_interval)
+        return code;
+    sg_clear_error(r->ctx);
+    code = save_checkpoint(r);
+    return code ? code
+                : sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted at iteration %d; saved", done);
+}
+
+/* attack/config.json, from which the attack can be continued. */
+static int write_config(const struct attack_run *r)
+{
+    const struct sg_attack_run_params *p = r->params;
+    json_t *options = sg_config_to_json(sg_attack_run_config, p);
+    json_object_set_new(options, "source-path", sg_place_json(p->source));
+    if (p->proxy)
+        json_object_set_new(options, "proxy", sg_place_json(p->proxy));
+    return sg_run_write_json(r->ctx, p->folder, "attack/config.json",
+                             json_pack("{s:s,s:o}", "version", sg_version(), "options", options));
 }
 
 static int start_decoy(struct attack_run *r)
@@ -229,6 +249,8 @@ static int start_decoy(struct attack_run *r)
         if (!code)
             code = sg_attack_resume(r->ctx, r->scene, saved, &r->attack_params, &r->attack);
         r->checkpoint = code ? 0 : sg_attack_iteration(r->attack);
+        if (!code)
+            code = write_config(r); /* the scene may have moved */
     } else if (!code)
         code = sg_attack_create(r->ctx, r->scene, model, &r->attack_params, &r->attack);
     sg_model_destroy(&model);
@@ -255,12 +277,18 @@ static bool is_attack(sg_ctx *ctx, const char *folder)
            sg_run_has_option(ctx, folder, "poison.json", "epsilon");
 }
 
+/* A checkpoint of the attack or of its proxy. */
+static bool has_checkpoint(sg_ctx *ctx, const char *folder)
+{
+    return sg_run_has(ctx, folder, "attack/checkpoint.bin") ||
+           sg_run_has(ctx, folder, "attack/proxy/checkpoint.bin");
+}
+
 /* The folder holds nothing to continue from and nothing to use. */
 static bool is_lost(sg_ctx *ctx, const char *folder)
 {
-    return !sg_run_has(ctx, folder, "poison.json") &&
-           !sg_run_has(ctx, folder, "attack/checkpoint.bin") &&
-           !sg_run_has(ctx, folder, "attack/proxy");
+    return !sg_run_has(ctx, folder, "poison.json") && !has_checkpoint(ctx, folder) &&
+           !has_proxy(ctx, folder);
 }
 
 static void remove_file(sg_ctx *ctx, const char *folder, const char *name)
@@ -289,25 +317,22 @@ static int begin_files(struct attack_run *r)
         return code;
     for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++)
         remove_file(r->ctx, p->folder, files[i]);
-    json_t *options = sg_config_to_json(sg_attack_run_config, p);
-    json_object_set_new(options, "source-path", sg_place_json(p->source));
-    if (p->proxy)
-        json_object_set_new(options, "proxy", sg_place_json(p->proxy));
-    return sg_run_write_json(r->ctx, p->folder, "attack/config.json",
-                             json_pack("{s:s,s:o}", "version", sg_version(), "options", options));
+    return write_config(r);
 }
 
 /* The attack failed before its first save. Removes what was begun, so that the same call works once
  * the cause is gone. */
 static void remove_begun(sg_ctx *ctx, const char *folder)
 {
-    if (!is_lost(ctx, folder))
-        return;
     remove_file(ctx, folder, "attack/config.json");
     remove_file(ctx, folder, "attack/log.jsonl");
-    char *state = sg_strf(ctx, "%s/attack", folder);
-    if (state)
-        rmdir(state); /* where it is empty */
+    char *state = sg_strf(ctx, "%s/attack", folder), *proxy = sg_strf(ctx, "%s/proxy", state);
+    if (proxy) {
+        sg_run_discard(proxy);
+        rmdir(proxy); /* where it is empty */
+        rmdir(state);
+    }
+    sg_free(proxy);
     sg_free(state);
 }
 
@@ -331,7 +356,6 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     }
     if (code)
         return code;
-    r->status->resumable = false;
     sg_attack_ask(r, NULL);
     r->proxy = model[0] ? model : NULL;
     if (splat) {
@@ -340,10 +364,8 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
             r->status->first = sg_attack_iteration(r->attack);
         if (!code)
             code = loop(r);
-        if (code && code != SG_ERR_INTERRUPTED && r->checkpoint) {
-            r->status->resumable = true;
+        if (code && code != SG_ERR_INTERRUPTED && r->checkpoint)
             code = name_checkpoint(r, code);
-        }
         if (code)
             return code;
     }
@@ -361,7 +383,6 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     const int lost = splat ? save_checkpoint(r) : SG_OK;
     if (lost)
         sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
-    r->status->resumable = !lost || r->checkpoint;
     sg_clear_error(r->ctx);
     sg_fail(r->ctx, code, "%s", why ? why : "out of memory");
     sg_free(why);
@@ -387,7 +408,8 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
     if (!code && !r->resume) {
         *fresh = !sg_run_has_files(p->folder);
         code = begin_files(r);
-    }
+    } else if (!code && !sg_run_has(r->ctx, p->folder, "attack/checkpoint.bin"))
+        code = write_config(r);
     return code;
 }
 
@@ -428,14 +450,18 @@ int sg_attack_run(sg_ctx *ctx, const struct sg_attack_run_params *p, enum sg_run
         code = sg_output_claim_by(ctx, p->folder, &rules, &output);
         if (!code)
             code = begin_attack(&r, model, &fresh);
-        if (!code)
+        if (!code) {
             code = run_attack(&r, model);
+            /* An attack without a decoy begins again. */
+            r.status->resumable = code && (p->method != SG_METHOD_POISON_SPLAT || r.has_proxy ||
+                                           has_checkpoint(ctx, p->folder));
+        }
+        if (fresh && code && !r.status->resumable)
+            remove_begun(ctx, p->folder);
         const int closed = sg_run_log_close(&r.log);
         code = code ? code : closed;
         sg_attack_destroy(&r.attack);
         sg_scene_destroy(&r.scene);
-        if (fresh && code && code != SG_ERR_INTERRUPTED && !r.status->resumable)
-            remove_begun(ctx, p->folder);
         sg_output_release(&output);
     }
     return code;

@@ -15,6 +15,7 @@ struct attack_run {
     bool resume;
     struct sg_scene *scene;
     sg_attack *attack;
+    bool has_proxy;    /* it was trained, to the end */
     const char *proxy; /* path of its model */
     size_t proxy_gaussians;
     struct sg_run_log log;

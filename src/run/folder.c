@@ -184,9 +184,13 @@ bool sg_run_is_lost(sg_ctx *ctx, const char *run)
 
 void sg_run_remove_files(sg_ctx *ctx, const char *run)
 {
+    if (!has_model(ctx, run) && !sg_run_has(ctx, run, "checkpoint.bin"))
+        sg_run_discard(run);
+}
+
+void sg_run_discard(const char *run)
+{
     static const char *const files[] = {"cameras.json", "input.ply", "cfg_args", "config.json"};
-    if (has_model(ctx, run) || sg_run_has(ctx, run, "checkpoint.bin"))
-        return;
     clean(run, true);
     DIR *d = open_folder(AT_FDCWD, run, 0);
     for (size_t i = 0; d && i < sizeof(files) / sizeof(files[0]); i++)

@@ -24,6 +24,9 @@ bool sg_run_is_lost(sg_ctx *ctx, const char *run);
  * call works again. */
 void sg_run_remove_files(sg_ctx *ctx, const char *run);
 
+/* Removes all files of a run. */
+void sg_run_discard(const char *run);
+
 /* Removes the unfinished files of killed processes. */
 void sg_run_remove_temporary(const char *run);
 
