@@ -172,6 +172,15 @@ static void test_order(void **state)
     assert_false(limits.gaussians_bound); /* the cap is no budget */
     sg_trainer_destroy(&t);
 
+    /* The last iteration edits nothing. */
+    p.iterations = 20;
+    t = begin_training(&f, &p);
+    for (int it = 1; it <= 20; it++)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    assert_int_equal(sg_trainer_gaussians(t), expected[1]);
+    sg_trainer_destroy(&t);
+    p.iterations = 40;
+
     /* At the cap with no dead one the step is taken. */
     p.mcmc.cap_max = 100;
     for (size_t i = 0; i < 7; i++)

@@ -246,6 +246,19 @@ static void test_steps(void **state)
     sg_model_destroy(&before);
     sg_model_destroy(&after);
     sg_trainer_destroy(&t);
+
+    p = scaffold_params();
+    p.iterations = 24; /* nor does it let anchors grow */
+    t = begin(&f, &p);
+    sg_model_destroy(&(struct sg_model *){run(&f, t, 19, &course)});
+    const size_t earlier = sg_trainer_gaussians(t);
+    before = run(&f, t, p.iterations - 1, &course);
+    assert_true(sg_trainer_gaussians(t) > earlier);
+    after = run(&f, t, p.iterations, &course);
+    assert_same_anchors(before, after);
+    sg_model_destroy(&before);
+    sg_model_destroy(&after);
+    sg_trainer_destroy(&t);
     clear_points(&f);
 }
 

@@ -148,6 +148,12 @@ static void test_schedule(void **state)
     const struct sg_train_params brief = {SG_TRAIN_DEFAULTS, .iterations = 12000};
     assert_false(sg_resets_opacity(&brief, 11999, 12000));
     assert_true(sg_resets_opacity(&brief, 8999, 9000));
+    assert_false(sg_densifies(&brief, 11999, 12000));
+    assert_true(sg_densifies(&brief, 11899, 11900));
+    struct sg_train_params filtered = brief;
+    filtered.defense.on = true;
+    assert_false(sg_filters(&filtered, 11999, 12000));
+    assert_true(sg_filters(&filtered, 11899, 11900));
     assert_float_equal(sg_position_lr(&p, 0), 1.6e-4, 1e-10);
     assert_float_equal(sg_position_lr(&p, 30000), 1.6e-6, 1e-12);
     assert_float_equal(sg_position_lr(&p, 15000), 1.6e-5, 1e-11);

@@ -17,9 +17,11 @@ static inline bool sg_due(int before, int it, int every)
     return it / every > before / every;
 }
 
+/* No Gaussian is added or removed in the last iteration, after which none could learn. The released
+ * code, which goes on to densify there, saves and measures its model before. */
 static inline bool sg_densifies(const struct sg_train_params *p, int before, int it)
 {
-    return it < p->densify_until_iter && it > p->densify_from_iter &&
+    return it < p->densify_until_iter && it > p->densify_from_iter && it < p->iterations &&
            sg_due(before, it, p->densification_interval);
 }
 
@@ -77,7 +79,7 @@ static inline bool sg_filters(const struct sg_train_params *p, int before, int i
 {
     const struct sg_defense_params *d = &p->defense;
     return d->on && d->rho != 0 && it > sg_filters_from(p) &&
-           it < (d->until < 0 ? p->densify_until_iter : d->until) &&
+           it < (d->until < 0 ? p->densify_until_iter : d->until) && it < p->iterations &&
            sg_due(before, it, d->interval);
 }
 

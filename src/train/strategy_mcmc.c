@@ -69,7 +69,7 @@ static bool any_dead(const sg_trainer *t)
 static bool is_due(const sg_trainer *t, int before, int it)
 {
     const struct sg_train_params *p = &t->params;
-    return it > p->densify_from_iter && it < p->mcmc.until &&
+    return it > p->densify_from_iter && it < p->mcmc.until && it < p->iterations &&
            sg_due(before, it, p->densification_interval);
 }
 

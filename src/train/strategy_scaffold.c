@@ -87,7 +87,7 @@ static void rates(const sg_trainer *t, int before, int it, double lr[SG_GROUPS])
 static bool grows(const sg_trainer *t, int before, int it)
 {
     const struct sg_train_params *p = &t->params;
-    return it > p->scaffold.from && it < p->densify_until_iter &&
+    return it > p->scaffold.from && it < p->densify_until_iter && it < p->iterations &&
            sg_due(before, it, p->densification_interval);
 }
 
