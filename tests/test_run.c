@@ -149,6 +149,30 @@ static void test_resume(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* A model that was saved after the newest checkpoint, as where memory ran out, is not the newest
+ * one of the run that goes on from there. */
+static void test_later_model(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = new_context();
+    char folder[128], path[200], later[200];
+    int stop = 11;
+    struct sg_run_status s;
+    snprintf(folder, sizeof(folder), "%s", at("later"));
+    struct sg_run_params p = short_run(folder);
+    p.step = stop_at, p.step_priv = &stop;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
+    snprintf(path, sizeof(path), "%s/point_cloud/iteration_11", folder);
+    snprintf(later, sizeof(later), "%s/point_cloud/iteration_19", folder);
+    assert_int_equal(rename(path, later), 0);
+    stop = 15;
+    assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_ERR_INTERRUPTED);
+    assert_int_equal(sg_run_find_model(ctx, folder, 0, path, sizeof(path)), SG_OK);
+    assert_non_null(strstr(path, "iteration_15/"));
+    assert_int_equal(access(later, F_OK), -1);
+    sg_ctx_destroy(&ctx);
+}
+
 /* config.json keeps 15 digits of a double: a run that began with more can be continued all the
  * same. */
 static void test_resume_with_all_digits(void **state)
@@ -562,8 +586,9 @@ int main(void)
         cmocka_unit_test(test_folders),          cmocka_unit_test(test_cancelled_evaluation),
         cmocka_unit_test(test_cancelled_count),  cmocka_unit_test(test_checks),
         cmocka_unit_test(test_attack),           cmocka_unit_test(test_exposure_keys),
-        cmocka_unit_test(test_unfinished_proxy), cmocka_unit_test(test_cancelled_attack),
-        cmocka_unit_test(test_full_disk),        cmocka_unit_test(test_lost_line),
+        cmocka_unit_test(test_later_model),      cmocka_unit_test(test_unfinished_proxy),
+        cmocka_unit_test(test_cancelled_attack), cmocka_unit_test(test_full_disk),
+        cmocka_unit_test(test_lost_line),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -4,6 +4,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -120,8 +121,8 @@ static void remove_temporary(DIR *d)
             unlinkat(dirfd(d), e->d_name, 0);
 }
 
-/* Leftovers in every point_cloud/iteration_N, and the model itself if asked for. */
-static void clean_models(DIR *run, bool all)
+/* Leftovers in every point_cloud/iteration_N, and the models of iterations after one. */
+static void clean_models(DIR *run, int after)
 {
     DIR *models = open_folder(dirfd(run), "point_cloud", O_NOFOLLOW);
     for (struct dirent *e; models && (e = readdir(models));) {
@@ -133,7 +134,7 @@ static void clean_models(DIR *run, bool all)
         if (!d)
             continue;
         remove_temporary(d);
-        if (all) {
+        if (n > after) {
             unlinkat(dirfd(d), "point_cloud.ply", 0);
             unlinkat(dirfd(d), "networks.safetensors", 0);
         }
@@ -156,7 +157,7 @@ static void clean(const char *run, bool all)
     remove_temporary(d);
     for (size_t i = 0; all && i < sizeof(files) / sizeof(files[0]); i++)
         unlinkat(dirfd(d), files[i], 0);
-    clean_models(d, all);
+    clean_models(d, all ? 0 : INT_MAX);
     closedir(d);
 }
 
@@ -247,6 +248,17 @@ static int save_exposures(sg_ctx *ctx, const char *run, const struct sg_scene *s
     return sg_run_write_json(ctx, run, "exposure.json", root);
 }
 
+/* A run that ended early can have saved a model after its newest checkpoint. Where it goes on from
+ * there, that model must not be taken for the newest. */
+static void remove_later(const char *run, int iteration)
+{
+    DIR *d = open_folder(AT_FDCWD, run, 0);
+    if (!d)
+        return;
+    clean_models(d, iteration);
+    closedir(d);
+}
+
 int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
                       sg_trainer *trainer)
 {
@@ -271,6 +283,8 @@ int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene
         code = sg_trainer_exposures(trainer, &exposures);
     if (!code && exposures)
         code = save_exposures(ctx, run, scene, exposures);
+    if (!code)
+        remove_later(run, sg_trainer_iteration(trainer));
     sg_model_destroy(&m);
     sg_free(path);
     return code;
