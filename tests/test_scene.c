@@ -265,6 +265,26 @@ static void colmap_rig(void **state)
     assert_string_equal(s->train[1].name, "right_001");
     assert_memory_equal(s->train[0].rgb, ((uint8_t[]){10, 20, 30, 40, 50, 60}), 6);
     sg_scene_destroy(&s);
+
+    /* Masks lie in folders of the same names, and have any of three. */
+    static const char *const names[] = {"masks/left/001.png", "masks/left/001.png.png"};
+    const uint8_t half[2] = {0, 255};
+    for (int i = 0; i < 2; i++) {
+        put(f, names[i], "", 0);
+        assert_int_equal(sg_image_write_png(f->ctx, at(f, names[i]), half, 2, 1, 1), SG_OK);
+        s = load(f, NULL);
+        assert_memory_equal(s->train[0].mask, half, 2);
+        assert_null(s->train[1].mask);
+        sg_scene_destroy(&s);
+        remove(at(f, names[i]));
+    }
+    put_text(f, "sparse/images.txt",
+             "1 1 0 0 0 0 0 0 1 left/001.JPG\n\n2 1 0 0 0 1 0 0 1 right/001.png\n\n");
+    assert_int_equal(rename(at(f, "images/left/001.png"), at(f, "images/left/001.JPG")), 0);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, names[0]), half, 2, 1, 1), SG_OK);
+    s = load(f, NULL);
+    assert_memory_equal(s->train[0].mask, half, 2);
+    sg_scene_destroy(&s);
 }
 
 static void resolution_rule(void **state)

@@ -72,8 +72,18 @@ bool sg_scene_recognised(sg_ctx *ctx, const char *path)
     return is;
 }
 
-/* Masks are optional a photo: NAME, its base name, either with .png added, or its base name up to
- * the last dot .png. */
+/* The i-th of the names that a photo's mask can have: the photo's own, with .png added, with .png
+ * in place of its ending; and the same without its folders. */
+static char *mask_name(sg_ctx *ctx, const char *masks, const struct sg_shot *shot, int i)
+{
+    const char *base = sg_base_name(shot->path), *dot = strrchr(base, '.');
+    const int folders = i < 3 ? (int) (sg_base_name(shot->file) - shot->file) : 0,
+              stem = i % 3 == 2 && dot ? (int) (dot - base) : (int) strlen(base);
+    return sg_strf(ctx, "%s/%.*s%.*s%s", masks, folders, shot->file, stem, base,
+                   i % 3 ? ".png" : "");
+}
+
+/* Masks are optional a photo. */
 static int find_masks(sg_ctx *ctx, const struct sg_folder *dir,
                       const struct sg_scene_params *params, struct sg_shots *shots)
 {
@@ -89,14 +99,8 @@ static int find_masks(sg_ctx *ctx, const struct sg_folder *dir,
     }
     for (size_t i = 0; i < shots->count; i++) {
         struct sg_shot *shot = &shots->items[i];
-        const char *base = sg_base_name(shot->path), *dot = strrchr(base, '.');
-        int stem = dot ? (int) (dot - base) : (int) strlen(base);
-        for (int k = 0; k < 5 && !shot->mask; k++) {
-            char *path = k == 0   ? sg_strf(ctx, "%s/%s", folder, shot->file)
-                         : k == 1 ? sg_strf(ctx, "%s/%s.png", folder, shot->file)
-                         : k == 2 ? sg_strf(ctx, "%s/%s", folder, base)
-                         : k == 3 ? sg_strf(ctx, "%s/%s.png", folder, base)
-                                  : sg_strf(ctx, "%s/%.*s.png", folder, stem, base);
+        for (int k = 0; k < 6 && !shot->mask; k++) {
+            char *path = mask_name(ctx, folder, shot, k);
             if (!path) {
                 code = SG_ERR_BUDGET;
                 goto done;
