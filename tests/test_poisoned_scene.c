@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "colmap_files.h"
+#include "attack/poisoned_scene.h"
 #include "splatguard/attack.h"
 
 #define W 24
@@ -450,6 +451,45 @@ static void test_places(void **state)
     sg_scene_destroy(&scene);
 }
 
+/* Names that the copy cannot have are found before there is an image to write. */
+static void test_early_names(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_scene *scene;
+    const struct sg_poison_files files = {SG_POISON_AUTO, 75, false};
+    char image[400], stem[252];
+    for (int distorted = 0; distorted < 2; distorted++) {
+        put_colmap(f, distorted ? "1 SIMPLE_RADIAL 24 16 30 12 8 0.1\n"
+                                : "1 PINHOLE 24 16 30 31 12.5 7.5\n");
+        put_text(f, "sparse/0/images.txt", "1 1 0 0 0 1 2 3 1 caf\xe9.JPG\n5 5 -1\n");
+        put_png(f, "images/caf\xe9.JPG", W, H, 3, 1);
+        assert_int_equal(sg_scene_load(f->ctx, f->dir, NULL, &scene), SG_OK);
+        assert_int_equal(sg_poisoned_scene_check(f->ctx, scene, &files),
+                         distorted ? SG_ERR_INPUT : SG_OK);
+        if (distorted)
+            assert_non_null(strstr(sg_last_error(f->ctx), "the name is not UTF-8"));
+        sg_scene_destroy(&scene);
+    }
+    memset(stem, 'a', sizeof(stem));
+    stem[250] = 0;
+    snprintf(image, sizeof(image), "1 1 0 0 0 1 2 3 1 %s.JPG\n5 5 -1\n", stem);
+    put_text(f, "sparse/0/images.txt", image);
+    snprintf(image, sizeof(image), "images/%s.JPG", stem);
+    put_png(f, image, W, H, 3, 1);
+    for (int masked = 0; masked < 2; masked++) {
+        snprintf(image, sizeof(image), "masks/%s.png", stem);
+        if (masked)
+            put_png(f, image, W, H, 1, 1);
+        assert_int_equal(sg_scene_load(f->ctx, f->dir, NULL, &scene), SG_OK);
+        assert_int_equal(scene->train[0].mask != NULL, masked);
+        assert_int_equal(sg_poisoned_scene_check(f->ctx, scene, &files),
+                         masked ? SG_ERR_INPUT : SG_OK);
+        if (masked)
+            assert_non_null(strstr(sg_last_error(f->ctx), "found a name of 258 bytes"));
+        sg_scene_destroy(&scene);
+    }
+}
+
 static void test_naive(void **state)
 {
     struct fixture *f = *state;
@@ -509,6 +549,7 @@ int main(void)
                                        scene_test(test_namesakes),
                                        scene_test(test_rig_masks),
                                        scene_test(test_places),
+                                       scene_test(test_early_names),
                                        scene_test(test_naive),
                                        scene_test(test_nerfstudio_split)};
     return cmocka_run_group_tests(tests, NULL, NULL);

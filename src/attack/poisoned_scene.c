@@ -107,6 +107,18 @@ bool sg_poisoned_scene_shares_file(const struct sg_scene *scene, const struct sg
     return n == m && !strncasecmp(a, b, n); /* some file systems take no notice of the case */
 }
 
+/* The path of a view's mask that the reader tries first: the name in the copy's camera files. file:
+ * of the image. */
+static char *mask_file(sg_ctx *ctx, const struct sg_view *view, bool transforms, const char *file)
+{
+    return sg_strf(ctx, "masks/%s.png", transforms ? file : view->file);
+}
+
+static int refuse_name(sg_ctx *ctx, const struct sg_view *view)
+{
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: the name is not UTF-8, as JSON needs it", view->path);
+}
+
 struct image_name {
     char *file; /* without its ending */
     const struct sg_view *view;
@@ -134,6 +146,21 @@ static int check_name(sg_ctx *ctx, const char *file)
                          length, NAME_MAX);
 }
 
+/* Whether the names of a view's image and mask can be names of files, and be in transforms.json. */
+static int check_names(sg_ctx *ctx, const struct sg_view *view, bool transforms, const char *file)
+{
+    char *mask = mask_file(ctx, view, transforms, file);
+    json_t *text = json_string(file);
+    int code = mask ? check_name(ctx, file) : SG_ERR_BUDGET;
+    if (!code && view->mask)
+        code = check_name(ctx, mask);
+    if (!code && transforms && !text)
+        code = refuse_name(ctx, view);
+    sg_free(mask);
+    json_decref(text);
+    return code;
+}
+
 int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
                             const struct sg_poison_files *files)
 {
@@ -145,13 +172,14 @@ int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
         return sg_fail(ctx, SG_ERR_USAGE, "files.jpeg_quality: found %d, expected 1 to 100",
                        files->jpeg_quality);
     const size_t n = scene->n_train + scene->n_test;
+    const bool transforms = needs_transforms(scene);
     struct image_name *names = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*names));
     int code = names ? SG_OK : SG_ERR_BUDGET;
     for (size_t i = 0; i < n && !code; i++) {
         const struct sg_view *view =
             i < scene->n_train ? &scene->train[i] : &scene->test[i - scene->n_train];
         names[i] = (struct image_name){image_file(ctx, scene, view, files), view};
-        code = names[i].file ? check_name(ctx, names[i].file) : SG_ERR_BUDGET;
+        code = names[i].file ? check_names(ctx, view, transforms, names[i].file) : SG_ERR_BUDGET;
         if (!code)
             *strrchr(names[i].file, '.') = 0;
     }
@@ -182,9 +210,7 @@ static int quote_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
     *quoted = name ? json_dumps(name, JSON_ENCODE_ANY) : NULL;
     sg_free(file);
     json_decref(name);
-    return *quoted ? SG_OK
-                   : sg_fail(ctx, SG_ERR_INPUT, "%s: the name is not UTF-8, as JSON needs it",
-                             view->path);
+    return *quoted ? SG_OK : refuse_name(ctx, view);
 }
 
 /* The views, or those of them that the list has, as the copy names them. */
@@ -457,12 +483,10 @@ done:
     return code;
 }
 
-/* The path that the reader tries first: the name in the scene's own files. */
 static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
                       const char *folder, const char *file)
 {
-    char *name = sg_strf(ctx, "masks/%s.png", needs_transforms(scene) ? file : view->file),
-         *path = NULL;
+    char *name = mask_file(ctx, view, needs_transforms(scene), file), *path = NULL;
     int code = name ? sg_path_below(ctx, folder, name, &path) : SG_ERR_BUDGET;
     if (!code && !view->mask)
         unlink(path); /* of another set */
