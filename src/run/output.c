@@ -64,11 +64,34 @@ static bool is_own_scene(sg_ctx *ctx, const char *place, const char *output,
     return own;
 }
 
+/* Whether ".." follows a folder that is not there: where that leads is not known yet. */
+static bool leads_back(const char *path)
+{
+    char *copy = strdup(path);
+    bool missing = false, back = !copy;
+    for (char *name = copy; name && *name && !back;) {
+        char *end = name + strcspn(name, "/");
+        const char after = *end;
+        *end = 0;
+        back = missing && !strcmp(name, "..");
+        missing |= *name && access(copy, F_OK);
+        *end = after;
+        name = end + (after != 0);
+    }
+    free(copy);
+    return back;
+}
+
 /* path: of a new output. rules: of the output, or NULL where it is a file. */
 static int refuse_scene_around(sg_ctx *ctx, const char *path, const struct sg_output_rules *rules)
 {
     char *place = existing_place(path);
     int code = place ? SG_OK : sg_no_memory(ctx);
+    if (!code && leads_back(path))
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found \"..\" after a folder that does not exist, expected the place "
+                       "itself",
+                       path);
     for (char *end = place ? place + strlen(place) : NULL; end && !code;
          end = strrchr(place, '/')) {
         if (end != place)

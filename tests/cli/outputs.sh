@@ -63,6 +63,8 @@ done
 # What is read lies in what would be replaced.
 refused train scene/colmap -o run --force $short --init $model; says 'around the input'
 refused attack poisoned -o poisoned --force --method noise --quiet; says 'around the input'
+refused train scene/blender -o nowhere/../scene/blender/run $short; says 'after a folder that does not exist'
+[ ! -e nowhere ] || fail "an output that was refused has made a folder on its way"
 refused attack scene/colmap -o poisoned --force --quiet --proxy poisoned
 refused spectrum renders/view_0001.png -o renders/view_0001.png; says 'one of the images'
 unchanged inputs
