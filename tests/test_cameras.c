@@ -13,6 +13,8 @@
 
 #define POSE "\"position\":[1,2,3],\"rotation\":[[1,0,0],[0,1,0],[0,0,1]]"
 #define SIZE "\"width\":40,\"height\":20"
+#define TEN "abcdefghij"
+#define LONG TEN TEN TEN TEN TEN TEN TEN TEN TEN TEN
 #define CAMERA(name) "{\"img_name\":\"" name "\"," SIZE ",\"fx\":30,\"fy\":31," POSE "}"
 
 static void written_and_read(void **state)
@@ -90,6 +92,7 @@ static void refused(void **state)
         {"[" CAMERA("a") "," CAMERA("a_2") "," CAMERA("a") "]", "found two cameras of \"a_2\""},
         {"[" CAMERA("a") "," CAMERA("../b") "]", "camera 1: img_name: found the string \"../b\""},
         {"[" CAMERA("") "]", "img_name"},
+        {"[" CAMERA(LONG LONG "a") "]", "img_name: found a name of 201 bytes"},
         {"[{" SIZE ",\"fx\":30,\"fy\":31," POSE "}]", "img_name: found nothing"},
         {"[{\"img_name\":\"a\",\"width\":0,\"height\":20,\"fx\":30,\"fy\":31," POSE "}]",
          "width: found the number 0"},

@@ -136,8 +136,12 @@ static int read_name(sg_ctx *ctx, const char *where, const json_t *camera, struc
 {
     const json_t *value = json_object_get(camera, "img_name");
     const char *name = json_string_value(value);
-    if (!name || !*name || strchr(name, '/') || strlen(name) > NAME_BYTES)
+    if (!name || !*name || strchr(name, '/'))
         return expected(ctx, where, "img_name", value, "a name of a file without folders");
+    if (strlen(name) > NAME_BYTES)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: img_name: found a name of %zu bytes, expected at most %d", where,
+                       strlen(name), NAME_BYTES);
     view->name = sg_strdup(ctx, name);
     return view->name ? SG_OK : SG_ERR_BUDGET;
 }
