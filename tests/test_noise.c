@@ -346,7 +346,13 @@ static void growth_follows_what_is_hidden(void **state)
     clear_fixture(&f);
 }
 
-/* A look in an iteration that resets opacity would see little, so it comes one before. */
+static double clock_of(void *now)
+{
+    return *(double *) now;
+}
+
+/* A look in an iteration that resets opacity would see little, so it comes one before, also where
+ * time is short and a step would do both. */
 static void looks_come_before_resets(void **state)
 {
     (void) state;
@@ -359,6 +365,22 @@ static void looks_come_before_resets(void **state)
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);
         assert_int_equal(s.noise.compared, it == LOOK - 1 ? VIEWS - 1 : 0);
     }
+    sg_trainer_destroy(&t);
+
+    double now = 0;
+    p.max_seconds = p.iterations / 4.0, p.clock = clock_of, p.clock_arg = &now;
+    t = begin_training(&f, &p);
+    int most = 0;
+    while (sg_trainer_iteration(t) < LOOK - 1) {
+        struct sg_train_step s;
+        const int before = sg_trainer_iteration(t);
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        most = s.iteration - before > most ? s.iteration - before : most;
+        assert_int_equal(s.noise.compared, s.iteration == LOOK - 1 ? VIEWS - 1 : 0);
+        now += 1;
+    }
+    assert_in_range(most, 3, 8);
+    assert_int_equal(sg_trainer_iteration(t), LOOK - 1);
     sg_trainer_destroy(&t);
     clear_fixture(&f);
 }

@@ -161,6 +161,17 @@ static bool is_look(const struct sg_train_params *p, int before, int it)
     return false;
 }
 
+/* Where a step to `it` would have a look after a reset of opacity that it comes before, the look's
+ * iteration, so that the step ends with the look. */
+static int end_before_reset(const struct sg_train_params *p, int before, int it)
+{
+    int end = it;
+    if (is_look(p, before, it) && sg_resets_opacity(p, before, it))
+        for (end = before + 1; !is_look(p, before, end);)
+            end++;
+    return end;
+}
+
 /* What the engine has measured of a step. */
 static void take_values(const sg_trainer *t, const struct sg_step *result,
                         struct sg_train_step *step)
@@ -179,7 +190,7 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
 {
     const struct sg_train_params *p = &t->params;
     int code;
-    const int before = t->iteration, it = next_iteration(t);
+    const int before = t->iteration, it = end_before_reset(p, before, next_iteration(t));
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
     struct sg_render_params render = sg_trainer_render(t);
