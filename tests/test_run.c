@@ -234,6 +234,68 @@ static int lines_with(sg_ctx *ctx, const char *folder, const char *text)
     return n;
 }
 
+static void read_model(sg_ctx *ctx, const char *run, int iteration, char **data, size_t *size)
+{
+    char path[200];
+    assert_int_equal(sg_run_find_model(ctx, run, iteration, path, sizeof(path)), SG_OK);
+    assert_int_equal(sg_file_read(ctx, path, 1 << 20, data, size), SG_OK);
+}
+
+/* Of an iteration that adds Gaussians, or resets opacities, the model before is saved and measured.
+ * Of one that only adds them, which takes no other step, that is the model of the one before. */
+static void test_before_changes(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = new_context();
+    char whole[128], cut[128], *data[2];
+    size_t size[2];
+    struct sg_run_status s;
+    snprintf(whole, sizeof(whole), "%s", at("every"));
+    snprintf(cut, sizeof(cut), "%s", at("until"));
+    struct sg_run_params p = short_run(whole);
+    p.train.densify_from_iter = 2, p.train.densification_interval = 6;
+    p.train.densify_until_iter = 20, p.train.opacity_reset_interval = 16;
+    p.train.densify_grad_threshold = 1e-6f;
+    p.save_every = p.eval_every = 6;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_OK);
+    assert_int_equal(lines_with(ctx, whole, "\"test_psnr\""), 4);
+    assert_int_equal(lines_with(ctx, whole, "\"iteration\":12,\"test_psnr\""), 1);
+    int stop = 11;
+    p.folder = cut, p.step = stop_at, p.step_priv = &stop;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
+    read_model(ctx, whole, 12, &data[0], &size[0]);
+    read_model(ctx, cut, 11, &data[1], &size[1]);
+    assert_int_equal(size[0], size[1]);
+    assert_memory_equal(data[0], data[1], size[0]);
+    sg_free(data[0]);
+    sg_free(data[1]);
+    read_model(ctx, whole, 18, &data[0], &size[0]);
+    assert_true(size[0] > size[1]); /* there are changes */
+    sg_free(data[0]);
+
+    /* The checkpoint of that iteration has the changes: what follows is the same, also resumed. */
+    stop = 12;
+    assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_ERR_INTERRUPTED);
+    p.step = NULL;
+    assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_OK);
+    assert_same_model(ctx, whole, cut);
+    assert_int_equal(lines_with(ctx, cut, "\"test_psnr\""), 4);
+
+    /* Opacities as they were before the reset. */
+    struct sg_model *m;
+    char path[200];
+    float most = -100;
+    p.folder = at("reset"), p.save_every = 16;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_OK);
+    assert_int_equal(sg_run_find_model(ctx, p.folder, 16, path, sizeof(path)), SG_OK);
+    assert_int_equal(sg_model_read(ctx, path, UINT32_MAX, &m), SG_OK);
+    for (size_t i = 0; i < m->count; i++)
+        most = fmaxf(most, *sg_model_at(m, i, SG_P_OPACITY));
+    assert_true(most > -3); /* a reset leaves ln(0.01 / 0.99), -4.6 */
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* What the context's progress function cancels in a periodic measurement is the run. The resumed
  * run measures first what the stopped one did not. */
 static void test_cancelled_evaluation(void **state)
@@ -586,9 +648,9 @@ int main(void)
         cmocka_unit_test(test_folders),          cmocka_unit_test(test_cancelled_evaluation),
         cmocka_unit_test(test_cancelled_count),  cmocka_unit_test(test_checks),
         cmocka_unit_test(test_attack),           cmocka_unit_test(test_exposure_keys),
-        cmocka_unit_test(test_later_model),      cmocka_unit_test(test_unfinished_proxy),
-        cmocka_unit_test(test_cancelled_attack), cmocka_unit_test(test_full_disk),
-        cmocka_unit_test(test_lost_line),
+        cmocka_unit_test(test_later_model),      cmocka_unit_test(test_before_changes),
+        cmocka_unit_test(test_unfinished_proxy), cmocka_unit_test(test_cancelled_attack),
+        cmocka_unit_test(test_full_disk),        cmocka_unit_test(test_lost_line),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -260,11 +260,10 @@ static void remove_later(const char *run, int iteration)
 }
 
 int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
-                      sg_trainer *trainer)
+                      sg_trainer *trainer, int iteration)
 {
     char name[64], *path;
-    snprintf(name, sizeof(name), "point_cloud/iteration_%d/point_cloud.ply",
-             sg_trainer_iteration(trainer));
+    snprintf(name, sizeof(name), "point_cloud/iteration_%d/point_cloud.ply", iteration);
     struct sg_model *m = NULL;
     const float *exposures;
     sg_clear_error(ctx);
@@ -284,7 +283,7 @@ int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene
     if (!code && exposures)
         code = save_exposures(ctx, run, scene, exposures);
     if (!code)
-        remove_later(run, sg_trainer_iteration(trainer));
+        remove_later(run, iteration);
     sg_model_destroy(&m);
     sg_free(path);
     return code;

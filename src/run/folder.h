@@ -30,10 +30,10 @@ void sg_run_discard(const char *run);
 /* Removes the unfinished files of killed processes. */
 void sg_run_remove_temporary(const char *run);
 
-/* Model and checkpoint of the trainer's present iteration. Models of later ones go: they are of a
- * run that was continued from an earlier checkpoint. */
+/* The trainer's model as that of an iteration. Models of later ones go: they are of a run that was
+ * continued from an earlier checkpoint. */
 int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
-                      sg_trainer *trainer);
+                      sg_trainer *trainer, int iteration);
 int sg_run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer);
 
 #endif

@@ -76,8 +76,9 @@ static int measure_views(sg_run *r, sg_renderer *renderer, bool time_fps)
     return code;
 }
 
-/* If memory is short for that, the run continues without it. */
-static int measure(sg_run *r, bool time_fps)
+/* Measures the model as that of an iteration. If memory is short for it, the run continues without.
+ */
+static int measure(sg_run *r, int iteration, bool time_fps)
 {
     sg_renderer *renderer = NULL;
     sg_clear_error(r->ctx);
@@ -93,7 +94,7 @@ static int measure(sg_run *r, bool time_fps)
     }
     if (code)
         return code;
-    r->evaluated = sg_trainer_iteration(r->trainer);
+    r->evaluated = iteration;
     sg_log(r->ctx, SG_LOG_INFO, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views",
            r->evaluated, r->eval.psnr, r->eval.ssim, r->eval.views);
     note_error(r, sg_run_log_eval(r));
@@ -101,9 +102,9 @@ static int measure(sg_run *r, bool time_fps)
 }
 
 /* Before the end: the training goes on after an error, and stops where this is cancelled. */
-static void measure_between(sg_run *r)
+static void measure_between(sg_run *r, int iteration)
 {
-    const int code = measure(r, false);
+    const int code = measure(r, iteration, false);
     if (!was_cancelled(r, code))
         note_error(r, code);
 }
@@ -113,12 +114,15 @@ static int save(sg_run *r)
     /* The log's line at a checkpoint carries the totals that a resumed run starts from. */
     note_error(r, sg_run_log_step(r));
     note_error(r, sg_run_settle_log(r, true));
-    int code = sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer);
+    const int it = sg_trainer_iteration(r->trainer);
+    int code = r->model_saved == it
+                   ? SG_OK
+                   : sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer, it);
     if (code)
         return code;
     code = sg_run_save_checkpoint(r->ctx, r->params.folder, r->trainer);
     r->resumable = !code;
-    r->saved = sg_trainer_iteration(r->trainer);
+    r->saved = it;
     r->checkpoint = code ? r->checkpoint : r->saved;
     if (code == SG_ERR_BUDGET) {
         sg_log(r->ctx, SG_LOG_WARN,
@@ -201,6 +205,26 @@ static void say_tolerance(const sg_run *r)
                r->step.iteration, n->added);
 }
 
+/* What is due in an iteration that adds or removes Gaussians or resets opacities. As in the
+ * released code it is the model before these changes that is saved and measured: what is new has
+ * not learned yet. The checkpoint is that after the iteration. */
+static void before_step(sg_run *r)
+{
+    const struct sg_run_params *p = &r->params;
+    const int before = sg_trainer_iteration(r->trainer), it = before + 1;
+    const bool saves = p->save_every && sg_due(before, it, p->save_every),
+               measures = p->scene.eval && p->eval_every && sg_due(before, it, p->eval_every);
+    if (!(saves || measures) || !sg_trainer_changes(r->trainer))
+        return;
+    if (saves) {
+        const int code = sg_run_save_model(r->ctx, p->folder, r->scene, r->trainer, it);
+        r->model_saved = code ? r->model_saved : it;
+        note_error(r, code);
+    }
+    if (measures)
+        measure_between(r, it);
+}
+
 /* Everything that is due after an iteration; the end has its own. */
 static void after_step(sg_run *r)
 {
@@ -226,8 +250,8 @@ static void after_step(sg_run *r)
     note_error(r, sg_run_settle_log(r, false));
     if (due(r, p->save_every) && !last)
         note_error(r, save(r));
-    if (p->scene.eval && due(r, p->eval_every) && !last)
-        measure_between(r);
+    if (p->scene.eval && due(r, p->eval_every) && !last && r->evaluated != s->iteration)
+        measure_between(r, s->iteration);
 }
 
 /* A checkpoint comes before the measurement due with it, within which a process may have ended. */
@@ -239,7 +263,7 @@ static void measure_missed(sg_run *r)
         return;
     if (!p->scene.eval || !p->eval_every || !sg_due(it - 1, it, p->eval_every))
         return;
-    measure_between(r);
+    measure_between(r, it);
 }
 
 /* The training cannot continue. Saves the model so far. The checkpoint stays as it is, since this
@@ -253,8 +277,9 @@ static int end_early(sg_run *r, int error)
     if (gaussians > r->totals.max_gaussians)
         r->totals.max_gaussians = gaussians;
     sg_clear_error(r->ctx);
-    const int lost =
-        done > r->saved ? sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer) : SG_OK;
+    const int lost = done > r->saved
+                         ? sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer, done)
+                         : SG_OK;
     char *loss = lost ? sg_strdup(r->ctx, sg_last_error(r->ctx)) : NULL;
     if (lost)
         sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
@@ -280,6 +305,9 @@ static int end_early(sg_run *r, int error)
 static int loop(sg_run *r)
 {
     while (sg_trainer_iteration(r->trainer) < r->params.train.iterations && !r->stopped) {
+        before_step(r);
+        if (r->stopped)
+            break;
         const double start = sg_seconds(), cpu = cpu_now();
         r->before = sg_trainer_iteration(r->trainer);
         int error = sg_trainer_advance(r->trainer, &r->step);
@@ -309,7 +337,7 @@ static int finish(sg_run *r)
     int code = stepped ? save(r) : SG_OK;
     r->resumable |= !stepped;
     if (!code && r->params.scene.eval && !cut)
-        code = measure(r, true);
+        code = measure(r, sg_trainer_iteration(r->trainer), true);
     if (!code)
         code = sg_run_write_summary(r);
     if (!code && cut)

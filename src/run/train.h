@@ -50,6 +50,7 @@ struct sg_run {
     bool resumable;           /* the newest checkpoint is of the newest model */
     bool finished;            /* resumed, with nothing left to do */
     int saved;                /* iteration of the newest model that is saved, 0 = none */
+    int model_saved;          /* iteration of one that was saved before what it changes */
     int checkpoint;           /* and of the newest checkpoint */
     struct sg_eval eval;      /* newest measurement */
     const char *corrected_by; /* its corrected values, or NULL: it has none */

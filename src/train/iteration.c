@@ -248,6 +248,14 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
     return SG_OK;
 }
 
+bool sg_trainer_changes(const sg_trainer *t)
+{
+    if (t->params.max_seconds > 0 || t->iteration >= t->settles_from)
+        return false;
+    const struct sg_strategy_plan plan = t->strategy->plan(t, t->iteration, t->iteration + 1);
+    return plan.rests || plan.rests_opacity;
+}
+
 int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
 {
     sg_clear_error(t->ctx);

@@ -95,6 +95,10 @@ int sg_trainer_hold_photo(sg_trainer *t, size_t view, bool stays);
 /* Releases the photo of a view that the engine does not have any more. */
 void sg_trainer_let_go(sg_trainer *t, size_t view);
 
+/* Whether the next iteration adds or removes Gaussians or resets opacities. False where time is
+ * limited, and the next step may be one of several iterations. */
+bool sg_trainer_changes(const sg_trainer *t);
+
 /* Photos with a tolerance are smoothed from now on. After an error the trainer cannot go on. */
 int sg_trainer_smooth(sg_trainer *t);
 bool sg_trainer_smooths(const sg_trainer *t, size_t view);
