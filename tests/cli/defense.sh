@@ -34,10 +34,13 @@ done
 # One that the CPU engine began goes on on another, and back: as one that stayed there, but for rounding.
 if [ -n "${SG_TEST_ENGINE-}" ]; then
     last=$((4 * every))
-    expect 0 train scene/blender -o stayed $(once $short --init-points $points $defended --iterations $last) --engine cpu
-    expect 0 train scene/blender -o moved $(once $short --init-points $points $defended --iterations $((2 * every))) --engine cpu
-    expect 0 train --resume moved --iterations $((3 * every)) -q
-    expect 0 train --resume moved --iterations $last -q --engine cpu
+    for run in stayed moved; do
+        between=
+        [ $run = moved ] || between="--engine cpu"
+        expect 0 train scene/blender -o $run $(once $short --init-points $points $defended --iterations $((2 * every))) --engine cpu
+        expect 0 train --resume $run --iterations $((3 * every)) -q $between
+        expect 0 train --resume $run --iterations $last -q --engine cpu
+    done
     cmp -s moved/point_cloud/iteration_$last/point_cloud.ply stayed/point_cloud/iteration_$last/point_cloud.ply &&
         fail "a run that moved has the bytes of one that stayed on the CPU"
     loss() { sed -n "s/^{\"iteration\":$last,\"loss\":\([0-9.]*\).*/\1/p" "$1/log.jsonl"; }
