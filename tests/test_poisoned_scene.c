@@ -248,6 +248,7 @@ static void test_colmap_jpeg(void **state)
 {
     struct fixture *f = *state;
     put_colmap(f, "1 PINHOLE 24 16 30 31 12.5 7.5\n");
+    put_png(f, "masks/sub/b.png", W, H, 1, 1); /* of a photo that becomes b.jpg */
     check(f, sg_scene_params(), SG_POISON_JPEG, SG_FORMAT_COLMAP);
     assert_true(sg_file_exists(at(f, "out/images/a.JPG")) &&
                 sg_file_exists(at(f, "out/images/sub/b.jpg")));

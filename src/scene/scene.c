@@ -72,15 +72,28 @@ bool sg_scene_recognised(sg_ctx *ctx, const char *path)
     return is;
 }
 
-/* The i-th of the names that a photo's mask can have: the photo's own, with .png added, with .png
- * in place of its ending; and the same without its folders. */
+/* The i-th of the names that a photo's mask can have: the photo's own in the scene's files, with
+ * .png added; its file's, with .png in place of the ending; and those of the file without folders.
+ */
 static char *mask_name(sg_ctx *ctx, const char *masks, const struct sg_shot *shot, int i)
 {
     const char *base = sg_base_name(shot->path), *dot = strrchr(base, '.');
-    const int folders = i < 3 ? (int) (sg_base_name(shot->file) - shot->file) : 0,
-              stem = i % 3 == 2 && dot ? (int) (dot - base) : (int) strlen(base);
-    return sg_strf(ctx, "%s/%.*s%.*s%s", masks, folders, shot->file, stem, base,
-                   i % 3 ? ".png" : "");
+    const int stem = (int) (dot ? (size_t) (dot - base) : strlen(base)),
+              folders = (int) (sg_base_name(shot->file) - shot->file);
+    switch (i) {
+    case 0:
+        return sg_strf(ctx, "%s/%s", masks, shot->file);
+    case 1:
+        return sg_strf(ctx, "%s/%s.png", masks, shot->file);
+    case 2:
+        return sg_strf(ctx, "%s/%.*s%.*s.png", masks, folders, shot->file, stem, base);
+    case 3:
+        return sg_strf(ctx, "%s/%s", masks, base);
+    case 4:
+        return sg_strf(ctx, "%s/%s.png", masks, base);
+    default:
+        return sg_strf(ctx, "%s/%.*s.png", masks, stem, base);
+    }
 }
 
 /* Masks are optional a photo. */
