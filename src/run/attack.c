@@ -326,7 +326,8 @@ static void remove_begun(sg_ctx *ctx, const char *folder)
 {
     remove_file(ctx, folder, "attack/config.json");
     remove_file(ctx, folder, "attack/log.jsonl");
-    char *state = sg_strf(ctx, "%s/attack", folder), *proxy = sg_strf(ctx, "%s/proxy", state);
+    char *state = sg_strf(ctx, "%s/attack", folder),
+         *proxy = state ? sg_strf(ctx, "%s/proxy", state) : NULL;
     if (proxy) {
         sg_run_discard(proxy);
         rmdir(proxy); /* where it is empty */
