@@ -492,12 +492,6 @@ static void test_same_limit(void **state)
     clear_fixture(&f);
 }
 
-static double fake_clock(void *arg)
-{
-    double *now = arg;
-    return *now;
-}
-
 /* Steps of a second each: the run ends in time, with its whole schedule, resumed or not. */
 static void test_time(void **state)
 {

@@ -135,14 +135,6 @@ static void test_losses(void **state)
     clear_fixture(&f);
 }
 
-static double now;
-
-static double fake_clock(void *unused)
-{
-    (void) unused;
-    return now;
-}
-
 /* Three tenths of what grows between two removals, of late, from where the filter's window begins,
  * and of what grows in the same iteration, were it the first; nothing once nothing grows. Also
  * where time is short and steps go over several iterations, and so over several densifications of
@@ -158,13 +150,13 @@ static void test_share_of_growth(void **state)
         for (int hurry = 0; hurry < 2; hurry++) {
             const bool counted = cases[k].events && !hurry;
             struct sg_train_params p = defended();
-            double growth = 0;
+            double growth = 0, now = 0;
             int events = 0, removals = 0, growths = 0, before = 0;
             p.defense.rho = -0.3, p.defense.interval = cases[k].interval,
             p.defense.from = cases[k].from;
             p.defense.until = 50, p.iterations = 49, p.densify_until_iter = 45;
-            p.max_seconds = hurry ? 7 : 0, p.clock = fake_clock; /* seven iterations a second */
-            now = 0;
+            p.max_seconds = hurry ? 7 : 0; /* seven iterations a second */
+            p.clock = fake_clock, p.clock_arg = &now;
             sg_trainer *t = begin_training(&f, &p);
             while (sg_trainer_iteration(t) < p.iterations) {
                 struct sg_train_step s;

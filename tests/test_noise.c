@@ -346,11 +346,6 @@ static void growth_follows_what_is_hidden(void **state)
     clear_fixture(&f);
 }
 
-static double clock_of(void *now)
-{
-    return *(double *) now;
-}
-
 /* A look in an iteration that resets opacity would see little, so it comes one before, also where
  * time is short and a step would do both. */
 static void looks_come_before_resets(void **state)
@@ -368,7 +363,7 @@ static void looks_come_before_resets(void **state)
     sg_trainer_destroy(&t);
 
     double now = 0;
-    p.max_seconds = p.iterations / 4.0, p.clock = clock_of, p.clock_arg = &now;
+    p.max_seconds = p.iterations / 4.0, p.clock = fake_clock, p.clock_arg = &now;
     t = begin_training(&f, &p);
     int most = 0;
     while (sg_trainer_iteration(t) < LOOK - 1) {

@@ -84,18 +84,28 @@ static int stop_at(void *priv, const struct sg_train_step *step)
     return step && step->iteration == *(int *) priv;
 }
 
-static void assert_same_model(sg_ctx *ctx, const char *a, const char *b)
+/* The file of the model of an iteration, 0 = the newest. */
+static char *read_model(sg_ctx *ctx, const char *run, int iteration, size_t *size)
 {
-    char path[128], *data[2];
+    char path[200], *data;
+    assert_int_equal(sg_run_find_model(ctx, run, iteration, path, sizeof(path)), SG_OK);
+    assert_int_equal(sg_file_read(ctx, path, 1 << 20, &data, size), SG_OK);
+    return data;
+}
+
+static void assert_same_models(sg_ctx *ctx, const char *a, int of_a, const char *b, int of_b)
+{
     size_t size[2];
-    assert_int_equal(sg_run_find_model(ctx, a, 0, path, sizeof(path)), SG_OK);
-    assert_int_equal(sg_file_read(ctx, path, 1 << 20, &data[0], &size[0]), SG_OK);
-    assert_int_equal(sg_run_find_model(ctx, b, 0, path, sizeof(path)), SG_OK);
-    assert_int_equal(sg_file_read(ctx, path, 1 << 20, &data[1], &size[1]), SG_OK);
+    char *data[] = {read_model(ctx, a, of_a, &size[0]), read_model(ctx, b, of_b, &size[1])};
     assert_int_equal(size[0], size[1]);
     assert_memory_equal(data[0], data[1], size[0]);
     sg_free(data[0]);
     sg_free(data[1]);
+}
+
+static void assert_same_model(sg_ctx *ctx, const char *a, const char *b)
+{
+    assert_same_models(ctx, a, 0, b, 0);
 }
 
 /* Stopped and continued, a run gives the bytes of an uninterrupted one. */
@@ -234,21 +244,14 @@ static int lines_with(sg_ctx *ctx, const char *folder, const char *text)
     return n;
 }
 
-static void read_model(sg_ctx *ctx, const char *run, int iteration, char **data, size_t *size)
-{
-    char path[200];
-    assert_int_equal(sg_run_find_model(ctx, run, iteration, path, sizeof(path)), SG_OK);
-    assert_int_equal(sg_file_read(ctx, path, 1 << 20, data, size), SG_OK);
-}
-
 /* Of an iteration that adds Gaussians, or resets opacities, the model before is saved and measured.
  * Of one that only adds them, which takes no other step, that is the model of the one before. */
 static void test_before_changes(void **state)
 {
     (void) state;
     sg_ctx *ctx = new_context();
-    char whole[128], cut[128], *data[2];
-    size_t size[2];
+    char whole[128], cut[128];
+    size_t before, after;
     struct sg_run_status s;
     snprintf(whole, sizeof(whole), "%s", at("every"));
     snprintf(cut, sizeof(cut), "%s", at("until"));
@@ -263,15 +266,10 @@ static void test_before_changes(void **state)
     int stop = 11;
     p.folder = cut, p.step = stop_at, p.step_priv = &stop;
     assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
-    read_model(ctx, whole, 12, &data[0], &size[0]);
-    read_model(ctx, cut, 11, &data[1], &size[1]);
-    assert_int_equal(size[0], size[1]);
-    assert_memory_equal(data[0], data[1], size[0]);
-    sg_free(data[0]);
-    sg_free(data[1]);
-    read_model(ctx, whole, 18, &data[0], &size[0]);
-    assert_true(size[0] > size[1]); /* there are changes */
-    sg_free(data[0]);
+    assert_same_models(ctx, whole, 12, cut, 11);
+    sg_free(read_model(ctx, whole, 12, &before));
+    sg_free(read_model(ctx, whole, 18, &after));
+    assert_true(after > before); /* there are changes */
 
     /* The checkpoint of that iteration has the changes: what follows is the same, also resumed. */
     stop = 12;
@@ -578,15 +576,13 @@ static void test_full_disk(void **state)
 {
     (void) state;
     struct full_disk disk = {0};
-    struct sg_attack_run_params p = sg_attack_run_params_default();
+    struct sg_attack_run_params p = short_attack(at("full"));
     sg_ctx *ctx;
     assert_int_equal(
         sg_ctx_create(
             &ctx, &(struct sg_ctx_params){.threads = 2, .log = count_warnings, .log_priv = &disk}),
         SG_OK);
-    p.source = scene, p.folder = at("full");
-    p.attack.iterations = 6, p.attack.inner = 2, p.attack.update_interval = 2;
-    p.proxy_iterations = 8, p.save_every = 2;
+    p.save_every = 2;
     p.step = fill_disk, p.step_priv = &disk;
     assert_int_equal(getrlimit(RLIMIT_FSIZE, &disk.before), 0);
     signal(SIGXFSZ, SIG_IGN);

@@ -57,6 +57,12 @@ static inline struct sg_train_params short_params(void)
                                     .densify_grad_threshold = 0.0001f};
 }
 
+/* For sg_train_params.clock, with a double as its argument. */
+static inline double fake_clock(void *now)
+{
+    return *(double *) now;
+}
+
 static inline sg_trainer *resume_training(struct fixture *f, const struct sg_train_params *p,
                                           const char *path)
 {
