@@ -13,7 +13,7 @@
 #include "whole_file.h"
 
 #define SIDE 20
-#define HEADER ((size_t) 152) /* bytes of the format before its sections */
+#define HEADER ((size_t) 160) /* bytes of the format before its sections */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20
@@ -30,6 +30,7 @@
 #define AT_PARAMETERS 128
 #define AT_STRENGTH 136
 #define AT_SECTIONS 144
+#define AT_ENDED 152
 
 #define SECTION ((size_t) 40) /* bytes of a section's head */
 #define AT_PLANES 24
@@ -238,6 +239,8 @@ static void test_sealed_lies(void **state)
         {"other seed", AT_SEED, 43, 8},
         {"other scene", AT_VIEWS, 3, 8},
         {"more visits than iterations", AT_VISITED, 4, 8},
+        {"neither ended nor not", AT_ENDED, 2, 4},
+        {"a step in a last iteration", AT_ENDED, 1, 4},
         {"negative time", AT_SPENT, 0xbff0000000000000u, 8},
         {"NaN time", AT_SPENT, 0x7ff8000000000000u, 8},
         {"negative noise", AT_NOISE, 0xbff0000000000000u, 8},
@@ -286,7 +289,10 @@ static void test_what_differs(void **state)
         {AT_COUNT, 0, 8, ": found no Gaussians, expected some"},
         {AT_ITERATION, 10000001, 4,
          ": byte 20: found iteration 10000001 with 3 steps of positions, expected 0 to 10000000 "
-         "and no more steps than iterations"},
+         "and no more steps than iterations, none in a last one"},
+        {AT_ENDED, 1, 4,
+         ": byte 20: found iteration 3, the last one, with 3 steps of positions, expected 0 to "
+         "10000000 and no more steps than iterations, none in a last one"},
         {AT_NOISE, 0x4070000000000000u, 8,
          ": found 0 seconds, noise of 256 levels, a share of 1 and 0 for smoothing, expected 0 to "
          "1e12, 0 to 255, 0 to 1 and 0, or 1 with noise"},
@@ -435,7 +441,7 @@ static void test_version(void **state)
     seal(f->data, f->size);
     spill(f->path, f->data, f->size);
     expect_refusal(f, "version 7");
-    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 10"));
+    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 11"));
 }
 
 /* Of some sections no run can write values below 0, and of some of these all are finite. */

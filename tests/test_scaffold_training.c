@@ -167,6 +167,39 @@ static void test_resume(void **state)
     unlink(path);
 }
 
+/* A run that has ended and goes on is one that was longer from the beginning. */
+static void test_longer(void **state)
+{
+    (void) state;
+    char path[] = "/tmp/sg_scaffold_XXXXXX";
+    struct fixture f = make_points(2);
+    struct sg_train_params p = scaffold_params(), shorter;
+    struct course whole, part;
+    p.densify_grad_threshold = 3e-4f; /* that some reach */
+    shorter = p;
+    sg_trainer *t = begin(&f, &p);
+    struct sg_model *expected = run(&f, t, 40, &whole);
+    sg_trainer_destroy(&t);
+    close(mkstemp(path));
+    for (int end = 1; end < 40; end += 9) { /* 28: of growth */
+        shorter.iterations = end;
+        t = begin(&f, &shorter);
+        struct sg_model *unused = run(&f, t, end, &part), *found;
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        sg_trainer_destroy(&t);
+        t = resume_training(&f, &p, path);
+        found = run(&f, t, 40, &part);
+        assert_memory_equal(&whole, &part, sizeof(whole));
+        assert_same_anchors(expected, found);
+        sg_trainer_destroy(&t);
+        sg_model_destroy(&unused);
+        sg_model_destroy(&found);
+    }
+    unlink(path);
+    sg_model_destroy(&expected);
+    clear_points(&f);
+}
+
 /* Optional parts learn, and help. A run without them refuses their checkpoints, and the other way
  * round. */
 static void test_parts(void **state)
@@ -730,14 +763,14 @@ static void test_masks(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_threads), cmocka_unit_test(test_engines),
-        cmocka_unit_test(test_resume),  cmocka_unit_test(test_parts),
-        cmocka_unit_test(test_steps),   cmocka_unit_test(test_nothing_drawn),
-        cmocka_unit_test(test_rates),   cmocka_unit_test(test_momentum),
-        cmocka_unit_test(test_seen),    cmocka_unit_test(test_limits),
-        cmocka_unit_test(test_memory),  cmocka_unit_test(test_filter),
-        cmocka_unit_test(test_hidden),  cmocka_unit_test(test_constants),
-        cmocka_unit_test(test_sizes),   cmocka_unit_test(test_masks),
-        cmocka_unit_test(test_refused)};
+        cmocka_unit_test(test_threads),       cmocka_unit_test(test_engines),
+        cmocka_unit_test(test_resume),        cmocka_unit_test(test_longer),
+        cmocka_unit_test(test_parts),         cmocka_unit_test(test_steps),
+        cmocka_unit_test(test_nothing_drawn), cmocka_unit_test(test_rates),
+        cmocka_unit_test(test_momentum),      cmocka_unit_test(test_seen),
+        cmocka_unit_test(test_limits),        cmocka_unit_test(test_memory),
+        cmocka_unit_test(test_filter),        cmocka_unit_test(test_hidden),
+        cmocka_unit_test(test_constants),     cmocka_unit_test(test_sizes),
+        cmocka_unit_test(test_masks),         cmocka_unit_test(test_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -48,6 +48,61 @@ static void assert_repeats(const struct sg_train_params *p, const struct sg_trai
         clear_fixture(&fixtures[k]);
 }
 
+/* A run that has ended and goes on is one that was longer from the beginning: ends with and without
+ * what is due in the last iteration, the first iteration among them. */
+static void assert_extends(const struct sg_train_params *p)
+{
+    static const int ends[] = {1, 10, 20, 23, 30, 39};
+    char path[] = "/tmp/sg_variant_XXXXXX";
+    struct fixture f = make_fixture(2);
+    struct sg_train_params own = *p, shorter;
+    own.engine = main_engine();
+    close(mkstemp(path));
+    for (size_t i = 0; i < 9; i++)
+        *sg_model_at(f.start, 7 * i, SG_P_OPACITY) = -9;
+    struct sg_model *expected = train(&f, &own, 40, NULL, NULL, NULL), *found;
+    for (size_t k = 0; k < sizeof(ends) / sizeof(ends[0]); k++) {
+        shorter = own;
+        shorter.iterations = ends[k];
+        sg_trainer *t = begin_training(&f, &shorter);
+        while (sg_trainer_iteration(t) < ends[k])
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        sg_trainer_destroy(&t);
+        t = resume_training(&f, &shorter, path); /* all is done */
+        assert_int_equal(sg_trainer_iteration(t), ends[k]);
+        sg_trainer_destroy(&t);
+        found = train(&f, &own, 40, NULL, path, NULL);
+        assert_same(found, expected);
+        sg_model_destroy(&found);
+    }
+    unlink(path);
+    sg_model_destroy(&expected);
+    clear_fixture(&f);
+}
+
+static void test_longer(void **state)
+{
+    (void) state;
+    struct sg_train_params p = short_params();
+    assert_extends(&p);
+    p.defense.on = true;
+    p.defense.interval = 10;
+    assert_extends(&p);
+    p = short_params();
+    p.at_limit = SG_AT_LIMIT_UNIVERSAL;
+    p.max_gaussians = 150;
+    assert_extends(&p);
+    p = short_params();
+    p.model = SG_MODEL_MIP;
+    assert_extends(&p);
+    p = short_params();
+    p.strategy = SG_STRATEGY_MCMC;
+    p.mcmc.until = 35;
+    p.mcmc.cap_max = 140;
+    assert_extends(&p);
+}
+
 /* More grows by absolute gradients than by those that cancel. */
 static void test_absgrad(void **state)
 {
@@ -242,13 +297,10 @@ static void test_masks(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_absgrad),
-        cmocka_unit_test(test_mcmc),
-        cmocka_unit_test(test_mip),
-        cmocka_unit_test(test_exposure),
-        cmocka_unit_test(test_exposure_checkpoint),
-        cmocka_unit_test(test_exposure_steps),
-        cmocka_unit_test(test_masks),
+        cmocka_unit_test(test_longer),         cmocka_unit_test(test_absgrad),
+        cmocka_unit_test(test_mcmc),           cmocka_unit_test(test_mip),
+        cmocka_unit_test(test_exposure),       cmocka_unit_test(test_exposure_checkpoint),
+        cmocka_unit_test(test_exposure_steps), cmocka_unit_test(test_masks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

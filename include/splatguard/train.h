@@ -321,11 +321,13 @@ SG_API int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene,
                              const struct sg_model *initial, const struct sg_train_params *params,
                              sg_trainer **out);
 /* Continues from a file of sg_trainer_save. With the same scene and params the result has the same
- * bytes as an uninterrupted run. Limits, iterations, engine and sh_degree may differ, and then the
- * bytes do (the last iteration of a run takes no step). If the photos have changed since the file
- * was saved, tolerance, rho, rho_least, frequency and lambda may differ too. Errors: those of
- * sg_trainer_create; SG_ERR_INPUT if the file is not a checkpoint of this scene and run, or is one
- * with other parameters. */
+ * bytes as an uninterrupted run, also where the file is of a run that had ended and params have
+ * more iterations: its last iteration, which changed nothing, is done again. (Not the same are
+ * looks and settling of tolerances, rates of exposures, renewals of 3D filters and LightGaussian's
+ * removals, which follow the number of iterations.) Limits, engine and sh_degree may differ, and
+ * then the bytes do. If the photos have changed since the file was saved, tolerance, rho,
+ * rho_least, frequency and lambda may differ too. Errors: those of sg_trainer_create; SG_ERR_INPUT
+ * if the file is not a checkpoint of this scene and run, or is one with other parameters. */
 SG_API int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
                              const struct sg_train_params *params, sg_trainer **out);
 SG_API void sg_trainer_destroy(sg_trainer **trainer);

@@ -17,16 +17,16 @@
 #include "schedule.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\12" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\13" /* the last byte is the version */
 
 /* of struct sg_train_params; counting beyond it does not overflow */
 #define MAX_ITERATION 10000000
 
 static bool counters_sound(const struct sg_checkpoint_header *h)
 {
-    bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION;
+    bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION && h->ended <= (h->steps > 0);
     for (int g = 0; g < SG_GROUPS; g++)
-        sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
+        sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration - (h->ended > 0);
     return sound && h->steps <= (uint64_t) h->iteration;
 }
 
@@ -282,6 +282,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
         .parameters = t->identity.parameters,
         .strength = t->identity.strength,
         .kind = t->identity.kind,
+        .ended = t->identity.kind == SG_RUN_TRAINING && t->iteration == t->params.iterations,
         .sections = (t->strategy->state_bytes > 0) + (networks_bytes(t) > 0)};
     for (int c = 0; c < SG_COLUMNS; c++)
         h.sections += is_saved(t, c);
@@ -375,10 +376,10 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path,
 
     if (!counters_sound(h))
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: byte %zu: found iteration %d with %d steps of positions, expected 0 to "
-                       "%d and no more steps than iterations",
+                       "%s: byte %zu: found iteration %d%s with %d steps of positions, expected 0 "
+                       "to %d and no more steps than iterations, none in a last one",
                        path, offsetof(struct sg_checkpoint_header, iteration), h->iteration,
-                       h->adam_steps[SG_G_XYZ], MAX_ITERATION);
+                       h->ended ? ", the last one," : "", h->adam_steps[SG_G_XYZ], MAX_ITERATION);
     if (!measures_sound(h))
         return sg_fail(
             ctx, SG_ERR_INPUT,
@@ -627,7 +628,8 @@ static int check_end(struct reading *r)
     if (fread(&digest, sizeof(digest), 1, r->in.stream) != 1 || fgetc(r->in.stream) != EOF ||
         digest != XXH3_64bits_digest(&r->in.hash))
         return torn(ctx, r->c->path);
-    if (strategy->sound && !strategy->sound(r->state, r->c->header.iteration))
+    if (strategy->sound &&
+        !strategy->sound(r->state, r->c->header.iteration - (r->c->header.ended > 0)))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: section \"%s\": found a state that iteration %d cannot have",
                        r->c->path, title, r->c->header.iteration);
@@ -669,9 +671,11 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     }
     if ((code = sg_engine_adopt(t->engine, r.m, &r.columns)))
         goto done;
+    /* The last iteration changes nothing. In a longer run it is another one, and is done again. */
+    const bool again = h->ended && t->params.iterations > h->iteration;
     t->start_degree = h->start_degree;
-    t->iteration = h->iteration;
-    t->steps = h->steps;
+    t->iteration = h->iteration - again;
+    t->steps = h->steps - again;
     t->spent += h->spent;
     t->noise = h->noise, t->beyond = h->beyond;
     t->smooths = h->smooths && t->tolerances;

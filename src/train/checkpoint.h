@@ -24,6 +24,7 @@ struct sg_checkpoint_header {
     uint32_t kind;
     uint64_t parameters, strength; /* struct sg_identity */
     uint32_t sections, smooths;
+    uint32_t ended, zero; /* whether the iteration was the last of a training */
 };
 
 /* Before the bytes of a section, once each and in any order: of a column that is saved, blocks of

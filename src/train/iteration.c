@@ -147,12 +147,12 @@ int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct
 }
 
 /* Whether a look falls into the iterations after `before`, up to `it`. Where opacity is reset it is
- * one earlier: after a reset there is little to see. */
+ * one earlier: after a reset there is little to see. Nothing learns from a look in the last one. */
 static bool is_look(const struct sg_train_params *p, int before, int it)
 {
     const int grows = p->densify_until_iter < p->iterations ? p->densify_until_iter : p->iterations,
               first = p->tolerance_look < 0 ? grows / 10 : p->tolerance_look;
-    for (int k = 1; k <= 9 && first > 0; k += 2) {
+    for (int k = 1; k <= 9 && first > 0 && it < p->iterations; k += 2) {
         int64_t look = (int64_t) k * first;
         look -= look <= p->iterations && sg_resets_opacity(p, (int) look - 1, (int) look);
         if (before < look && it >= look && (k == 1 || look <= p->densify_until_iter))
@@ -210,21 +210,22 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
     const bool changes = before < t->settles_from;
     const struct sg_strategy_plan plan =
         changes ? t->strategy->plan(t, before, it) : (struct sg_strategy_plan){0};
-    if (plan.radii && (code = sg_engine_count_radii(t->engine)))
+    /* As in the released code, the last iteration takes no step. Nor does it leave anything else
+     * behind, so that a longer run can do it again: see sg_checkpoint_read. */
+    const bool last = it >= p->iterations;
+    if (plan.radii && !last && (code = sg_engine_count_radii(t->engine)))
         return code;
     double lr[SG_GROUPS];
     set_rates(t, before, it, lr);
-    /* As in the released code, the last iteration takes no step. */
-    const bool moves = !plan.rests && it < p->iterations;
-    const struct sg_update update = {.statistics = plan.statistics,
+    const struct sg_update update = {.statistics = plan.statistics && !last,
                                      .mean_opacity = plan.mean_opacity,
                                      .mean_scale = plan.mean_scale};
-    if (t->exposures && it < p->iterations) {
+    if (t->exposures && !last) {
         const struct sg_exposure_update x = sg_exposures_update(p, it, t->steps + 1);
         if ((code = sg_engine_learn_exposures(t->engine, &x)))
             return code;
     }
-    if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
+    if ((code = sg_trainer_update(t, plan.rests || last ? NULL : lr, plan.rests_opacity, update)) ||
         (changes && t->strategy->after_step &&
          (code = t->strategy->after_step(t, &plan, before, it, &render, &step))) ||
         (sg_renews_filter(p, before, it) && (code = sg_trainer_renew_filter(t))))

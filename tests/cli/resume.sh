@@ -59,6 +59,14 @@ expect 1 train moved/blender cut -o x; says 'unexpected argument "cut"'
 expect 0 train moved/blender -o cut --resume --iterations $((reached + half + 10)) --quiet
 [ -s cut/point_cloud/iteration_$((reached + half + 10))/point_cloud.ply ] || fail "--iterations is not raised"
 grep -q "\"iterations\": $((reached + half + 10))" cut/config.json || fail "config.json keeps the old end"
+# That is the run that had them from the beginning.
+expect 0 train moved/blender -o longer $(once $options --iterations $((reached + half + 10)))
+cmp cut/checkpoint.bin longer/checkpoint.bin || fail "a run that was made longer is another one"
+for run in cut longer; do
+    sed -n 's/^{"iteration":\([0-9]*\),"loss":\([0-9.]*\).*/\1 \2/p' $run/log.jsonl |
+        awk -v after="$reached" '$1 > after' >$run.losses # where it was interrupted the log has a line
+done
+cmp cut.losses longer.losses || fail "the log of a run that was made longer is another one"
 
 # A run that began with a model begins with its SH degree, and does not need its file again.
 expect 0 train moved/blender -o warm $(once $short --iterations 40 --sh-interval 1000 --init cut/$last --save-every 20 --eval)
