@@ -193,6 +193,46 @@ static void vary(struct sg_train_params *p, enum variant variant)
         p->defense.rho = 0;
 }
 
+/* The universal threshold lets the model exceed its limit where memory has room for twice as many,
+ * and otherwise keeps it; either way the limit is the one that was asked for. */
+static void test_universal(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    struct sg_train_limits limits;
+    size_t room = 0;
+    p.densify_grad_threshold = 1e-9f, p.iterations = 160, p.densify_until_iter = 150,
+    p.densification_interval = 3, p.opacity_reset_interval = 1000;
+    p.engine = "cpu"; /* all of whose memory is limited */
+    f.scene.train = f.views;
+    for (int k = 0; k < 3; k++) {
+        sg_ctx *ctx;
+        sg_trainer *t;
+        size_t most = 0;
+        p.at_limit = k ? SG_AT_LIMIT_UNIVERSAL : SG_AT_LIMIT_STOP;
+        p.max_gaussians = k == 1 ? room / 4 * 3 : k == 2 ? room / 4 : 0;
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 15 << 20}),
+            SG_OK);
+        assert_int_equal(sg_trainer_create(ctx, &f.scene, f.start, &p, &t), SG_OK);
+        for (int it = 0; it < p.iterations; it++) {
+            struct sg_train_step s;
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            most = s.gaussians > most ? s.gaussians : most;
+        }
+        sg_trainer_limits(t, &limits);
+        room = k ? room : limits.max_gaussians;
+        assert_true(limits.gaussians_bound && limits.by_memory == !k);
+        assert_int_equal(limits.max_gaussians, k ? p.max_gaussians : room);
+        assert_true(k == 2 ? most > limits.max_gaussians && most <= 2 * limits.max_gaussians
+                           : most <= limits.max_gaussians);
+        sg_trainer_destroy(&t);
+        sg_ctx_destroy(&ctx);
+    }
+    clear_fixture(&f);
+}
+
 /* Growth that would take all memory stops at the context's limit, without an error. */
 static void test_memory(void **state)
 {
@@ -576,11 +616,16 @@ static void test_time(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_growth),       cmocka_unit_test(test_limit),
-        cmocka_unit_test(test_few_at_limit), cmocka_unit_test(test_memory),
-        cmocka_unit_test(test_least),        cmocka_unit_test(test_room),
-        cmocka_unit_test(test_variants),     cmocka_unit_test(test_large_gaussians),
-        cmocka_unit_test(test_same_limit),   cmocka_unit_test(test_time)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_growth),
+                                       cmocka_unit_test(test_limit),
+                                       cmocka_unit_test(test_few_at_limit),
+                                       cmocka_unit_test(test_universal),
+                                       cmocka_unit_test(test_memory),
+                                       cmocka_unit_test(test_least),
+                                       cmocka_unit_test(test_room),
+                                       cmocka_unit_test(test_variants),
+                                       cmocka_unit_test(test_large_gaussians),
+                                       cmocka_unit_test(test_same_limit),
+                                       cmocka_unit_test(test_time)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -87,7 +87,7 @@ static int reduced_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t count, i
 size_t sg_trainer_fit_count(sg_trainer *t, size_t n)
 {
     const size_t each = sg_engine_each(t->engine), limit = t->budget.gaussians / each,
-                 most = limit * sg_overshoot(&t->params, t->budget.by_memory);
+                 most = limit * (t->budget.overshoots ? 2 : 1);
     if (!t->budget.gaussians || n <= most)
         return n;
     if (t->budget.by_memory && (double) n <= (1 + UNCERTAIN) * (double) limit) {

@@ -94,11 +94,26 @@ static uint64_t smoothed_bytes(const struct sg_scene *scene, const struct sg_tra
     return largest + beside;
 }
 
+/* Memory has room for so many Gaussians. */
+static void lower(struct sg_budget *limits, uint64_t gaussians)
+{
+    limits->overshoots &= gaussians / 2 >= limits->gaussians;
+    if (!limits->gaussians || gaussians < limits->gaussians)
+        limits->by_memory = true, limits->gaussians = gaussians;
+}
+
+static uint64_t most_reached(const struct sg_budget *limits)
+{
+    return limits->gaussians * (limits->overshoots ? 2 : 1);
+}
+
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
                    int sh_degree, uint64_t leaving, bool accumulate, struct sg_budget *out)
 {
     const struct sg_photo_bytes photos = sg_lazy_photos_bytes(scene->lazy);
+    /* The universal threshold stops growth only once it is met, where memory has room for that. */
     *out = (struct sg_budget){.gaussians = p->max_gaussians,
+                              .overshoots = sg_counts_radii(p),
                               .instances = p->max_instances,
                               .photos = photos.most,
                               .photos_stay = photos.total <= photos.most};
@@ -125,14 +140,12 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
             scene->path, (unsigned long long) limit, (unsigned long long) expected,
             (unsigned long long) (expected - least - view), (unsigned long long) view, LEAST,
             (unsigned long long) least);
-    const uint64_t most = p->max_gaussians * sg_overshoot(p, false), room = limit - fixed,
+    const uint64_t most = p->max_gaussians * (out->overshoots ? 2 : 1), room = limit - fixed,
                    wanted = most && most < room / each ? most * each : room;
     const uint64_t free = room - divide(&photos, room, least, wanted, out);
     const uint64_t fit = free / each;
-    out->by_memory = !most || fit < most;
-    out->gaussians = p->max_gaussians && p->max_gaussians < fit ? p->max_gaussians : fit;
-    const uint64_t left =
-        free - (out->by_memory ? out->gaussians : most) * (each - LISTED * need.instance);
+    lower(out, fit);
+    const uint64_t left = free - most_reached(out) * (each - LISTED * need.instance);
     const uint64_t lists = need.instance ? left / need.instance : p->max_instances;
     out->instances = lists < p->max_instances ? lists : p->max_instances;
     sg_log(
@@ -178,14 +191,6 @@ static void add_views(struct device_views *v, const struct sg_engine_kind *engin
     }
 }
 
-/* Memory has room for so many Gaussians. */
-static void lower(struct sg_budget *limits, const struct sg_train_params *p, uint64_t gaussians)
-{
-    limits->by_memory |= gaussians < limits->gaussians * sg_overshoot(p, limits->by_memory);
-    if (!limits->gaussians || gaussians < limits->gaussians)
-        limits->by_memory = true, limits->gaussians = gaussians;
-}
-
 int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
                           const struct sg_train_params *p, int sh_degree, bool accumulate,
                           bool spectral, struct sg_budget *limits)
@@ -223,11 +228,10 @@ int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
             scene->path, (unsigned long long) whole,
             (unsigned long long) ((fixed + least) / 5 * 6 + 6), (unsigned long long) photos,
             (unsigned long long) v.buffers, LEAST, (unsigned long long) least);
-    lower(limits, p, (limit - fixed) / each);
-    const uint64_t planned = limits->gaussians * sg_overshoot(p, limits->by_memory);
-    uint64_t lists = (limit - fixed - planned * need.gaussian) / need.instance;
+    lower(limits, (limit - fixed) / each);
+    uint64_t lists = (limit - fixed - most_reached(limits) * need.gaussian) / need.instance;
     if (largest && need.largest) {
-        lower(limits, p, largest / need.largest);
+        lower(limits, largest / need.largest);
         lists = lists < largest / need.instance ? lists : largest / need.instance;
     }
     limits->instances = lists < limits->instances ? lists : limits->instances;

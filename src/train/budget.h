@@ -11,6 +11,7 @@ struct sg_budget {
     uint64_t gaussians; /* 0 = no limit */
     uint64_t instances; /* held at once */
     bool by_memory;     /* `gaussians` comes from the limit on memory */
+    bool overshoots;    /* growth that begins below `gaussians` may reach twice as many */
     uint64_t photos;    /* bytes of lazy photos that may stay in memory without a user */
     bool photos_stay;   /* all of them fit */
     bool read_ahead;    /* if not: there is room for one that is read before it is used */

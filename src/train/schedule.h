@@ -49,13 +49,6 @@ static inline bool sg_counts_radii(const struct sg_train_params *p)
            p->max_gaussians > 0;
 }
 
-/* How many times the limit a run may reach: the universal threshold stops growth only once it is
- * met. A limit that follows from memory is never exceeded. */
-static inline uint64_t sg_overshoot(const struct sg_train_params *p, bool by_memory)
-{
-    return sg_counts_radii(p) && !by_memory ? 2 : 1;
-}
-
 /* Whether the filter spares anchors that have grown lately. */
 static inline bool sg_spares_anchors(const struct sg_train_params *p)
 {

@@ -15,8 +15,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     struct sg_densify_result r;
     const double start = sg_trainer_seconds_not_counting(t);
     const size_t n = sg_engine_count(t->engine);
-    const bool overshoots = sg_overshoot(p, t->budget.by_memory) > 1,
-               stops = p->at_limit >= SG_AT_LIMIT_STOP;
+    const bool stops = p->at_limit >= SG_AT_LIMIT_STOP;
     const int code = sg_densify(
         t->engine,
         &(struct sg_densify_params){.gradient = sg_trainer_growth_threshold(t),
@@ -26,7 +25,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                                                        ? (float) (SG_PRUNE_EXTENT * t->extent)
                                                        : 0,
                                     .max_gaussians = t->budget.gaussians,
-                                    .overshoot = overshoots,
+                                    .overshoot = t->budget.overshoots,
                                     .score = stops ? NULL : sg_filtering_at_limit,
                                     .arg = &(struct sg_limit_call){t, render, it},
                                     .replace = SG_REPLACED,
