@@ -121,8 +121,9 @@ async function work() {
         const fast = moving > 0, of = scene.model ? kind() : PHOTO;
         try {
             if (scene.photos && (photoView !== view) && (of === PHOTO || +$('wipe').value > 0)) {
+                const asked = view; // another one may be chosen while this one comes
                 photo = await fetchPicture(PHOTO, 1, 1);
-                photoView = view;
+                photoView = asked;
             }
             if (drawnHere()) {
                 await drawing.frame(camera, scene.views[view], ...size());

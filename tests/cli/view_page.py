@@ -44,6 +44,22 @@ try:
     b.wait("!busy && !$('legend').hidden && $('legend').textContent.includes('Red')")
     b.key("1")
     b.wait("!busy && $('legend').hidden")
+    # A photo that comes after another view was chosen is not taken for that view's.
+    asked, shown, chosen = b.evaluate("""(async () => {
+        const real = window.fetch, asked = [], wait = ms => new Promise(done => setTimeout(done, ms));
+        window.fetch = async url => {
+            const query = new URL(url, location).searchParams;
+            if (+query.get('kind') === PHOTO) asked.push(+query.get('view')), await wait(200);
+            return real(url);
+        };
+        photoView = -1, $('wipe').value = 50, jump(0);
+        while (!asked.length) await wait(10);
+        jump(1);
+        while (busy) await wait(10);
+        window.fetch = real, $('wipe').value = 0;
+        return [asked, photoView, view];
+    })()""")
+    assert asked == [0, 1] and shown == chosen == 1, (asked, shown, chosen)
     # The camera turns about the middle and keeps its distance; at a photo it is the photo's.
     assert b.evaluate("""(() => { jump(0); $('mode').value = 'orbit';
         const far = length(add(camera.c, pivot, -1)); turn(.3, .2);
