@@ -482,7 +482,8 @@ def _defended(scene, audit, params):
     found = dict(audit["defense"] if tolerance is None else
                  _core.automatic(scene._handle, audit, tolerance))
     own = {name: found.pop(name) for name in ("tolerances", "view_weights")}
-    return {**found, **{name.rstrip("_"): value for name, value in params.items()}}, own
+    given = {name.rstrip("_"): value for name, value in params.items() if value is not None}
+    return {**found, **given}, own
 
 
 class Trainer:

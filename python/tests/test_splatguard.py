@@ -612,7 +612,8 @@ def test_what_an_audit_decides(noise):
     again = json.loads(json.dumps(found))
     assert again == found
     for how in (dict(audit=again), dict(audit=found, view_weights=found["defense"]["view_weights"]),
-                dict(audit=found, tolerances=np.float32(found["defense"]["tolerances"]))):
+                dict(audit=found, tolerances=np.float32(found["defense"]["tolerances"])),
+                dict(audit=found, lambda_=None, rho=None, tolerance=None)):  # as if not given
         model = sg.train(scene, **few, **how)
         assert bytes(model["position"]) == bytes(sg.train(scene, audit=found, **few)["position"])
     # A tolerance that does not cover what was found leaves the photos to the regulariser.
