@@ -43,10 +43,9 @@ struct group {
     struct result *last;
     int cells, runs; /* asked for, done */
     double mean[M_METRICS], deviation[M_METRICS];
-    /* Means over the seeds that every group of the scene has; where there are none, over its own.
-     */
-    double common[M_METRICS];
-    const char *why; /* a status other than done, or NULL */
+    bool has_common;          /* there are seeds that every group of the scene has */
+    double common[M_METRICS]; /* means over these seeds; where there are none, over its own */
+    const char *why;          /* a status other than done, or NULL */
 };
 
 /* A run as the paper prints it; 0: not printed. */

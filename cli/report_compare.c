@@ -158,7 +158,22 @@ static double value_of(const struct report *r, const struct group *like, const c
                        *clean = report_find(r, like, CLEAN, OFF);
     if (!g)
         return NAN;
-    return m != M_MAX_GAUSSIANS ? g->common[m] : clean ? g->common[m] / clean->common[m] : NAN;
+    if (m != M_MAX_GAUSSIANS)
+        return g->common[m];
+    return !clean          ? NAN
+           : g->has_common ? g->common[m] / clean->common[m]
+                           : report_shares(r, g, clean, m).mean;
+}
+
+/* Whether a scene of them has runs, but no seed that all of its runs have. */
+static bool seeds_differ(const struct report *r, const struct scenes *scenes)
+{
+    for (int i = 0; i < scenes->n; i++)
+        for (size_t k = 0; k < r->n_groups; k++)
+            if (r->groups[k].runs && !r->groups[k].has_common &&
+                same_scene(r->groups[k].first, scenes->of[i]->first))
+                return true;
+    return false;
 }
 
 static double mean_of(const struct report *r, const struct scenes *scenes, const char *photos,
@@ -215,12 +230,13 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
         select_scenes(r, &all, OFF, photos, n, &scenes);
     if (n < 2 || (s->preset && scenes.n < 2))
         return;
+    const char *differ = seeds_differ(r, &scenes) ? ", of different seeds" : "";
     if (s->preset)
-        snprintf(title, sizeof(title), "%s: means over %d of %d scenes of the preset %s",
-                 s->first->plan, scenes.n, all.n, s->preset);
+        snprintf(title, sizeof(title), "%s: means over %d of %d scenes of the preset %s%s",
+                 s->first->plan, scenes.n, all.n, s->preset, differ);
     else
-        snprintf(title, sizeof(title), "%s: %s, photos side by side", s->first->plan,
-                 s->first->scene);
+        snprintf(title, sizeof(title), "%s: %s, photos side by side%s", s->first->plan,
+                 s->first->scene, differ);
     put_run_heading(f, format, title, s->first);
     for (size_t k = 0; k < sizeof(parts) / sizeof(parts[0]); k++) {
         put_heading(f, format, 3,
@@ -286,7 +302,7 @@ static void put_limited(FILE *f, const struct report *r, enum format format, siz
     char name[256], n[16];
     snprintf(name, sizeof(name), "%s: %s, limits in shares of the clean count", scene->plan,
              scene->scene);
-    put_heading(f, format, 2, name);
+    put_run_heading(f, format, name, scene);
     begin_table(f, format, titles, 6);
     for (size_t i = from; i < r->n_groups; i++) {
         const struct group *g = &r->groups[i], *off = report_find(r, g, g->first->photos, OFF);

@@ -284,6 +284,9 @@ double report_limit(const struct report *r, const struct result *x)
     return 0;
 }
 
+/* A job that has failed is one of an earlier plan, unless something could not run. */
+#define SOMETHING_WAITS "EXISTS (SELECT 1 FROM cell WHERE key NOT IN (SELECT key FROM job))"
+
 int report_load(struct report *r, const char *path)
 {
     struct store *s;
@@ -311,16 +314,17 @@ int report_load(struct report *r, const char *path)
         code = store_query(s, "SELECT name, text FROM plan", take_plan,
                            &(struct reading_plans){r, path});
     if (!code)
-        code =
-            store_query(s,
-                        "SELECT kind, status, message, command, key FROM job WHERE status <> 'done'"
-                        " AND CASE kind WHEN 'audit' THEN key IN (SELECT key FROM cell)"
-                        " WHEN 'pictures' THEN 1"
-                        /* of an earlier plan, unless something could not run */
-                        " ELSE key NOT IN (SELECT key FROM cell) AND EXISTS"
-                        " (SELECT 1 FROM cell WHERE key NOT IN (SELECT key FROM job)) END"
-                        " ORDER BY kind, key",
-                        take_obstacle, r);
+        code = store_query(s,
+                           "SELECT kind, CASE status WHEN 'done' THEN 'not again' ELSE status END,"
+                           " message, command, key FROM job WHERE CASE"
+                           " WHEN status = 'done' THEN message IS NOT NULL AND " SOMETHING_WAITS
+                           " WHEN kind = 'audit' THEN key IN (SELECT key FROM cell)"
+                           " WHEN kind = 'pictures' THEN EXISTS (SELECT 1 FROM cell c, plan p"
+                           " WHERE p.name = c.plan AND c.key = json_extract(config, '$.needs_1')"
+                           " AND json_extract(p.text, '$.pictures'))"
+                           " ELSE key NOT IN (SELECT key FROM cell) AND " SOMETHING_WAITS
+                           " END ORDER BY kind, key",
+                           take_obstacle, r);
     if (!code)
         code = store_query(s,
                            "SELECT key, name, value FROM metric"
@@ -413,6 +417,7 @@ static void find_common(struct report *r)
                 for (int m = 0; m < M_METRICS; m++)
                     g->common[m] += x->value[m];
             }
+        g->has_common = n > 0;
         for (int m = 0; m < M_METRICS; m++)
             g->common[m] = n ? g->common[m] / n : g->mean[m];
     }

@@ -206,8 +206,8 @@ static void put_failures(FILE *f, const struct report *r, enum format format)
             begin_table(f, format, titles, 3);
         }
         any = true;
-        snprintf(name, sizeof(name), "%s, %s, %s, %s, seed %d", x->scene, x->photos, x->defense,
-                 x->model, x->seed);
+        snprintf(name, sizeof(name), "%s: %s, %s, %s, %s, seed %d", x->plan, x->scene, x->photos,
+                 x->defense, x->model, x->seed);
         begin_row(f, format, name);
         put_cell(f, format, *x->status ? x->status : "not run");
         put_cell(f, format, x->message);

@@ -22,7 +22,7 @@ for file in report.md results.csv report.html; do [ -s page/$file ] || fail "no 
 mean=$(ask "select printf('%.2f', avg(value)) from metric join cell using(key) where name='eval.psnr' and photos='noise' and defense='off'")
 grep -q "^| off | 2 |.* $mean ± " page/report.md || fail "the tables lack $mean: $(cat page/report.md)"
 grep -q '^| bad | 0 of 2 | failed |' page/report.md || fail "a cell without a run does not say so"
-grep -q 's, clean, bad, default, seed 1 | failed | splatguard train: --band-high' page/report.md || fail "no reason for a failure"
+grep -q 'plan: s, clean, bad, default, seed 1 | failed | splatguard train: --band-high' page/report.md || fail "no reason for a failure"
 grep -qE '(src|href)=|@import|fetch\(' page/report.html && fail "the page refers to something elsewhere"
 
 # Ratios are to the clean run of the same seed.
@@ -51,6 +51,19 @@ first="select printf('%.2f', value) from metric join cell using(key) where name=
 expect 0 report seeds.db -o seeds -q
 grep -qF "| off | $(ask "$first='clean'") | $(ask "$first='noise'") |" seeds/report.md || fail "not of the first seed: $(cat seeds/report.md)"
 grep -q '^| pictures | failed | no pictures |' seeds/report.md || fail "no word about pictures that failed: $(cat seeds/report.md)"
+
+sqlite3 seeds.db "update plan set text=json_remove(text, '\$.pictures')"
+expect 0 report seeds.db -o seeds -q
+grep -q 'no pictures' seeds/report.md && fail "pictures that the plan does not ask for"
+
+# Without a seed that all have a share is that of the clean run of its own seed, and the heading says so.
+cp r.db differ.db
+sqlite3 differ.db "delete from job where key in (select key from cell where (defense='lg' and seed=1) or (defense='off' and photos='noise' and seed=2))"
+expect 0 report differ.db -o differ -q
+grep -q 'photos side by side, of different seeds' differ/report.md || fail "no word about seeds: $(cat differ/report.md)"
+share=$(ask "select printf('%.2f', a.value / b.value) from metric a join cell c using(key) join metric b on b.name=a.name join cell d on d.key=b.key and d.seed=c.seed
+    where a.name='max_gaussians' and c.photos='noise' and c.defense='off' and c.seed=1 and d.photos='clean' and d.defense='off'")
+grep -qF "| off | 1.00 | $share |" differ/report.md || fail "not $share of the clean run of its seed: $(cat differ/report.md)"
 
 # Means over the scenes of a preset say which have all that they are of. The third scene lacks the clean run.
 cp r.db means.db
