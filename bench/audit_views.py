@@ -71,6 +71,9 @@ def load(folder):
             _, *pose, number = read(file, "i7di")
             name = b""
             while (c := file.read(1)) != b"\0":
+                if not c:
+                    sys.exit(f"{folder}/images.bin: byte {file.tell()}: found the end of the file, "
+                             "expected a name")
                 name += c
             file.seek(24 * read(file, "Q")[0], 1)
             cameras.append(Camera(name.decode(), pose, *intrinsics[number]))
