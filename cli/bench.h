@@ -120,7 +120,7 @@ int store_cells(struct store *s, const struct plan *plan);
 int store_status(struct store *s, const char *key, char status[16]);
 double store_metric(struct store *s, const char *key, const char *name);
 /* Replaces a job's rows in one transaction. A result stays where the job has run again, for those
- * that need what it made, and failed. */
+ * that need what it made, and failed; the message says why. */
 int store_put(struct store *s, const struct job *job, const struct outcome *o);
 
 /* Whether a table has a column, which those of older databases can lack. */

@@ -88,6 +88,31 @@ static bool takes_value(const struct command *command, const struct sg_option *o
     return takes;
 }
 
+int plan_check_preset(const struct reader *r, const char *scene, const struct command *command,
+                      const char *word, const char *preset)
+{
+    char expected[256];
+    const char *text, *near;
+    const struct sg_option *option = options_find(command, word, &text, &near);
+    return !option || takes_value(command, option, preset, expected, sizeof(expected))
+               ? STATUS_DONE
+               : plan_wrong(r,
+                            "scenes.%s.preset: found \"%.80s\", which %s --%s does not take, "
+                            "expected %s",
+                            scene, preset, command->name, option->name, expected);
+}
+
+/* Whether a list of options makes a scene or belongs to all of its jobs. */
+static bool is_of_scene(const char *where)
+{
+    static const char *const lists[] = {".synth", ".size", ".options"};
+    const char *list = strrchr(where, '.');
+    bool found = false;
+    for (size_t i = 0; i < sizeof(lists) / sizeof(lists[0]); i++)
+        found |= !strncmp(where, "scenes.", strlen("scenes.")) && !strcmp(list, lists[i]);
+    return found;
+}
+
 /* The value of the option that is text `at` of its list, or the next text. A plan can take weeks:
  * it is refused before it begins, not by the job that has the option. */
 static int check_value(const struct reader *r, const json_t *value, const char *where, size_t at,
@@ -112,6 +137,11 @@ static int check_value(const struct reader *r, const json_t *value, const char *
             where, at, text);
     if (is_limit(value) && strncmp(where, DEFENSES ".", strlen(DEFENSES ".")))
         return plan_wrong(r, "%s[%zu]: found %s, which only defenses can have", where, at, text);
+    if (!is_limit(value) && is_of_scene(where))
+        return plan_wrong(r,
+                          "%s[%zu]: found {preset}, expected a value: options of all jobs of a "
+                          "scene are as they stand",
+                          where, at);
     return STATUS_DONE;
 }
 

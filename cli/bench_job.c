@@ -18,9 +18,10 @@
 #include "bench_work.h"
 #include "interrupt.h"
 
-#define GRACE 60.0    /* seconds to save in, after which a process is killed */
-#define MADE "made"   /* marks the folder of a job that is done */
-#define STUCK "stuck" /* that of one whose checkpoint cannot be read */
+#define GRACE 60.0      /* seconds to save in, after which a process is killed */
+#define MADE "made"     /* marks the folder of a job that is done */
+#define STUCK "stuck"   /* that of one whose checkpoint cannot be read */
+#define BESIDE "beside" /* most jobs that ran at the same time as its earlier processes */
 
 static int remove_entry(const char *path, const struct stat *st, int kind, struct FTW *walk)
 {
@@ -87,18 +88,31 @@ bool file_exists(const char *path)
     return !access(path, F_OK);
 }
 
+/* Whether the job's first phase trains. */
+static bool trains(const struct job *j)
+{
+    return j->kind == JOB_TRAIN || j->kind == JOB_PROXY;
+}
+
+/* Whether a training was whole. One that memory has ended is not, and exits with 0 all the same.
+ * iteration: its newest one, or NULL. */
+static bool is_trained(const struct work *w, int *iteration)
+{
+    json_t *summary = load_json(job_path(w, "run/summary.json"));
+    const bool whole = json_is_false(json_object_get(summary, "interrupted"));
+    if (iteration)
+        *iteration = (int) json_integer_value(json_object_get(summary, "iterations"));
+    json_decref(summary);
+    return whole;
+}
+
 /* Whether the phase's result is there already, from a process that was stopped after it. */
 static bool phase_is_done(const struct job *j, const struct work *w)
 {
     if (w->phase > 0)
         return false;
-    if (j->kind == JOB_TRAIN || j->kind == JOB_PROXY) {
-        json_t *summary = load_json(job_path(w, "run/summary.json"));
-        const bool done = json_is_false(json_object_get(summary, "interrupted"));
-        json_decref(summary);
-        return done;
-    }
-    return j->kind == JOB_POISON && file_exists(job_path(w, "scene/poison.json"));
+    return trains(j) ? is_trained(w, NULL)
+                     : j->kind == JOB_POISON && file_exists(job_path(w, "scene/poison.json"));
 }
 
 static void note_command(struct work *w, const struct command_line *c)
@@ -109,17 +123,18 @@ static void note_command(struct work *w, const struct command_line *c)
     if (!f)
         return;
     fprintf(f, "%s%s", w->out.command ? w->out.command : "", w->out.command ? "\n" : "");
-    for (int i = 0; i < c->n; i++)
-        fprintf(f, "%s%s", i ? " " : "", c->words[i]);
+    for (int i = 0; i < c->n; i++) {
+        fputs(i ? " " : "", f);
+        put_short_word(f, c->words[i]);
+    }
     fclose(f);
     free(w->out.command);
     w->out.command = text;
 }
 
-static int open_output(const struct work *w, const char *name, bool append)
+static int open_output(const struct work *w, const char *name, int how)
 {
-    return open(job_path(w, "%s.%d", name, w->phase),
-                O_WRONLY | O_CREAT | O_CLOEXEC | (append ? O_APPEND : O_TRUNC), 0666);
+    return open(job_path(w, "%s.%d", name, w->phase), O_WRONLY | O_CREAT | O_CLOEXEC | how, 0666);
 }
 
 int job_hold(const struct work *w)
@@ -153,7 +168,9 @@ static bool start_phase(struct scheduler *s, int index)
         return false;
     const bool whole = c.n < COMMAND_WORDS - 1;
     note_command(w, &c);
-    const int out = open_output(w, "out", false), err = open_output(w, "err", true);
+    const int out = open_output(w, "out", O_TRUNC), err = open_output(w, "err", O_APPEND);
+    const off_t said = lseek(err, 0, SEEK_END);
+    w->said = said > 0 ? (size_t) said : 0;
     const pid_t parent = getpid();
     w->pid = out < 0 || err < 0 || !whole ? -1 : fork();
     if (!w->pid) {
@@ -208,7 +225,7 @@ static void mark_stuck(const struct work *w, const char *line)
  * use here. */
 static void last_words(const struct plan *p, struct work *w)
 {
-    char *text = load_text(job_path(w, "err.%d", w->phase)), *rest = text;
+    char *text = load_text(job_path(w, "err.%d", w->phase));
     if (w->why && !strcmp(w->why, "timeout"))
         snprintf(w->out.message, sizeof(w->out.message), "took %.0f s, the limit is %.0f s",
                  w->out.seconds, p->timeout);
@@ -216,12 +233,17 @@ static void last_words(const struct plan *p, struct work *w)
         snprintf(w->out.message, sizeof(w->out.message),
                  "took more memory than the limit of %llu bytes", (unsigned long long) p->memory);
     else {
-        const char *last = "";
+        const char *last = NULL;
+        char *rest = text && strlen(text) > w->said ? text + w->said : NULL;
         for (char *line; (line = strsep(&rest, "\n"));)
             if (*line && strncmp(line, "Continue with:", strlen("Continue with:")))
                 last = line;
-        snprintf(w->out.message, sizeof(w->out.message), "%s", last);
-        mark_stuck(w, last);
+        if (last)
+            snprintf(w->out.message, sizeof(w->out.message), "%s", last), mark_stuck(w, last);
+        else
+            snprintf(w->out.message, sizeof(w->out.message), "ended %s %d without a word",
+                     w->out.signal ? "by signal" : "with status",
+                     w->out.signal ? w->out.signal : w->out.exit_status);
     }
     free(text);
 }
@@ -244,7 +266,7 @@ static int collect(struct scheduler *s, const struct job *j, struct work *w)
         json_object_del(w->out.summary, "images");
         return w->out.photos ? STATUS_DONE : STATUS_INPUT;
     }
-    if (j->kind == JOB_TRAIN || j->kind == JOB_PROXY) {
+    if (trains(j)) {
         w->out.summary = load_json(job_path(w, "run/summary.json"));
         w->out.run_config = load_json(job_path(w, "run/config.json"));
         w->out.log = load_text(job_path(w, "run/log.jsonl"));
@@ -326,6 +348,7 @@ int job_reap(struct scheduler *s, int index, int status, const struct rusage *us
 {
     struct work *w = &s->work[index];
     struct outcome *o = &w->out;
+    const struct job *j = &s->b->plan->jobs[index];
     const uint64_t rss = (uint64_t) usage->ru_maxrss * 1024;
     o->cpu_seconds += (double) usage->ru_utime.tv_sec + 1e-6 * (double) usage->ru_utime.tv_usec +
                       (double) usage->ru_stime.tv_sec + 1e-6 * (double) usage->ru_stime.tv_usec;
@@ -334,7 +357,10 @@ int job_reap(struct scheduler *s, int index, int status, const struct rusage *us
     o->exit_status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
     o->signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
     w->pid = 0;
-    if (!o->signal && !o->exit_status && !w->why) {
+    int iteration;
+    const bool done = !o->signal && !o->exit_status && !w->why,
+               cut = done && !w->phase && trains(j) && !is_trained(w, &iteration);
+    if (done && !cut) {
         w->phase++;
         return advance(s, index);
     }
@@ -345,12 +371,36 @@ int job_reap(struct scheduler *s, int index, int status, const struct rusage *us
         outcome_clear(o);
         return STATUS_DONE;
     }
-    last_words(s->b->plan, w);
+    if (cut)
+        snprintf(o->message, sizeof(o->message), "ended at iteration %d for lack of memory",
+                 iteration);
+    else
+        last_words(s->b->plan, w);
     return finish(s, index,
-                  w->why                            ? w->why
-                  : o->signal                       ? "crashed"
-                  : o->exit_status == STATUS_BUDGET ? "memory"
-                                                    : "failed");
+                  w->why                                   ? w->why
+                  : o->signal                              ? "crashed"
+                  : cut || o->exit_status == STATUS_BUDGET ? "memory"
+                                                           : "failed");
+}
+
+/* How many jobs ran at the same time as this one, itself included, counts over all its processes.
+ */
+static void note_beside(struct work *w, int running)
+{
+    FILE *f = w->out.beside < running ? fopen(job_path(w, BESIDE), "we") : NULL;
+    if (f) {
+        fprintf(f, "%d\n", running);
+        fclose(f);
+    }
+    w->out.beside = running > w->out.beside ? running : w->out.beside;
+}
+
+static int recall_beside(const struct work *w)
+{
+    char *text = load_text(job_path(w, BESIDE));
+    const int n = text ? atoi(text) : 0;
+    free(text);
+    return n;
 }
 
 int job_begin(struct scheduler *s, int index)
@@ -367,16 +417,14 @@ int job_begin(struct scheduler *s, int index)
             strerror(errno));
         return STATUS_INPUT;
     }
-    w->out = (struct outcome){0};
+    w->out = (struct outcome){.beside = recall_beside(w)};
     strftime(w->out.started, sizeof(w->out.started), "%Y-%m-%dT%H:%M:%SZ", gmtime_r(&t, &utc));
     w->state = RUNNING, w->phase = 0, w->why = NULL, w->pid = 0;
     w->start = clock_seconds();
     s->running++;
-    for (int i = 0; i < s->b->plan->n; i++) {
-        struct work *other = &s->work[i];
-        if (other->state == RUNNING && other->out.beside < s->running)
-            other->out.beside = s->running;
-    }
+    for (int i = 0; i < s->b->plan->n; i++)
+        if (s->work[i].state == RUNNING)
+            note_beside(&s->work[i], s->running);
     return advance(s, index);
 }
 

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bench.h"
+#include "bench_work.h"
 
 #define SIDE_MAX 256            /* of the part that is kept, pixels */
 #define PIXELS_MAX (1ull << 28) /* of a picture */
@@ -14,6 +14,18 @@
 
 const char *const picture_kinds[PICTURE_KINDS] = {
     [PICTURE_PHOTO] = "photo", [PICTURE_RENDER] = "render"};
+
+/* Whether the file is a view's photo: that view's render is beside it. ("a_photo.png" may also be
+ * the render of a view "a_photo".) */
+static bool is_photo(const char *folder, const char *file)
+{
+    const size_t length = strlen(file), tail = strlen(PHOTO);
+    char render[PATH_MAX];
+    if (length <= tail || strcmp(file + length - tail, PHOTO))
+        return false;
+    snprintf(render, sizeof(render), "%s/%.*s.png", folder, (int) (length - tail), file);
+    return file_exists(render);
+}
 
 /* The names of the views in the folder, of which each has a photo beside it. */
 static int list_views(const char *folder, char ***names)
@@ -23,9 +35,9 @@ static int list_views(const char *folder, char ***names)
     int n = 0;
     *names = found > 0 ? calloc((size_t) found, sizeof(**names)) : NULL;
     for (int i = 0; i < found; i++) {
-        const size_t length = strlen(entries[i]->d_name), tail = strlen(PHOTO);
-        if (*names && length > tail && !strcmp(entries[i]->d_name + length - tail, PHOTO) &&
-            ((*names)[n] = strndup(entries[i]->d_name, length - tail)))
+        const char *file = entries[i]->d_name;
+        if (*names && is_photo(folder, file) &&
+            ((*names)[n] = strndup(file, strlen(file) - strlen(PHOTO))))
             n++;
         free(entries[i]);
     }

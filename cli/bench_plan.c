@@ -191,8 +191,20 @@ static int add_scene(struct reader *r, const char *name)
                                    .from = scene});
 }
 
-/* {preset} stands for the scene's. Returns whether it has one where it is asked for. */
-static bool name_preset(struct reader *r, const char *scene, json_t *options)
+/* Which reads the options of a job. */
+static const struct command *command_of(enum job_kind kind)
+{
+    return kind == JOB_POISON     ? &command_attack
+           : kind == JOB_PRUNE    ? &command_prune
+           : kind == JOB_PICTURES ? &command_render
+           : kind == JOB_AUDIT    ? &command_audit
+                                  : &command_train;
+}
+
+/* {preset} stands for the scene's. Returns whether it has one, which the command takes, where it is
+ * asked for. */
+static bool name_preset(struct reader *r, const char *scene, const struct command *command,
+                        json_t *options)
 {
     json_t *preset = json_object_get(plan_at(r->plan->root, "scenes", scene), "preset");
     for (size_t i = 0; i < json_array_size(options); i++) {
@@ -203,6 +215,11 @@ static bool name_preset(struct reader *r, const char *scene, json_t *options)
                 r, "scenes.%s: found no preset, expected one for {preset} in its options", scene);
             return false;
         }
+        r->code =
+            plan_check_preset(r, scene, command, json_string_value(json_array_get(options, i - 1)),
+                              json_string_value(preset));
+        if (r->code)
+            return false;
         json_array_set(options, i, preset);
     }
     return true;
@@ -232,7 +249,7 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
                       .config = json_pack("{s:s,s:i,s:o}", "kind", job_kinds[kind], "seed", c->seed,
                                           "options", options),
                       .from = plan_at(r->plan->root, "scenes", c->scene)};
-    if (!name_preset(r, c->scene, options)) {
+    if (!name_preset(r, c->scene, command_of(kind), options)) {
         json_decref(job.config);
         return -1;
     }

@@ -31,6 +31,11 @@ bool plan_is_on(const struct reader *r, const char *what);
 /* Whether a word of a list of options is an option, not a value. */
 bool is_option(const char *word);
 
+/* Checks that an option of the command, the word "--name", takes the scene's preset. Returns an
+ * exit code. */
+int plan_check_preset(const struct reader *r, const char *scene, const struct command *command,
+                      const char *word, const char *preset);
+
 /* Loops over a list of names of a block of runs, and one of them. */
 #define EACH(i, list) for (size_t i = 0; i < json_array_size(json_object_get(block, list)); i++)
 #define NAME(i, list) json_string_value(json_array_get(json_object_get(block, list), i))

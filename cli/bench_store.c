@@ -227,7 +227,12 @@ int store_open(const char *path, bool must_exist, struct store **out)
     }
     const int flags =
         must_exist ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
-    if (sqlite3_open_v2(path, &s->db, flags, NULL))
+    char *file = NULL; /* to SQLite ":memory:" and "file:x" would be no files of these names */
+    if (asprintf(&file, "%s%s", *path == '/' ? "" : "./", path) < 0)
+        return no_memory();
+    const int opened = sqlite3_open_v2(file, &s->db, flags, NULL);
+    free(file);
+    if (opened)
         return failed(s);
     sqlite3_extended_result_codes(s->db, 1);
     sqlite3_busy_timeout(s->db, must_exist ? 2000 : 10000); /* milliseconds */
@@ -425,9 +430,12 @@ static int put_spectrum(struct store *s, const char *of, const char *what, const
     return code;
 }
 
+/* In place of earlier ones. */
 static int put_pictures(struct store *s, const char *of, const struct pictures *pictures)
 {
-    int code = STATUS_DONE;
+    int code = put(s, "DELETE FROM picture WHERE of=?", "t", of);
+    if (!code)
+        code = put(s, "DELETE FROM spectrum WHERE of=?", "t", of);
     for (int k = 0; k < PICTURE_KINDS && !code; k++) {
         const struct picture *p = &pictures->kinds[k];
         code = put(s, "INSERT OR REPLACE INTO picture VALUES(?,?,?,?)", "tttb", of,
@@ -440,13 +448,13 @@ static int put_pictures(struct store *s, const char *of, const struct pictures *
     return code;
 }
 
+/* Its pictures are results of another job, and stay. */
 static int store_drop(struct store *s, const char *key)
 {
-    static const char *const sql[] = {
-        "DELETE FROM metric WHERE key=?", "DELETE FROM curve WHERE key=?",
-        "DELETE FROM view WHERE key=?",   "DELETE FROM job WHERE key=?",
-        "DELETE FROM picture WHERE of=?", "DELETE FROM spectrum WHERE of=?",
-        "DELETE FROM audit WHERE key=?"};
+    static const char *const sql[] = {"DELETE FROM metric WHERE key=?",
+                                      "DELETE FROM curve WHERE key=?",
+                                      "DELETE FROM view WHERE key=?", "DELETE FROM job WHERE key=?",
+                                      "DELETE FROM audit WHERE key=?"};
     int code = STATUS_DONE;
     for (size_t i = 0; i < sizeof(sql) / sizeof(sql[0]) && !code; i++)
         code = put(s, sql[i], "t", key);
@@ -460,8 +468,10 @@ int store_put(struct store *s, const struct job *j, const struct outcome *o)
     const json_t *variant = json_object_get(o->run_config, "cpu_variant");
     char before[16];
     int code = store_status(s, j->key, before);
-    if (code || (!strcmp(before, "done") && strcmp(o->status, "done")))
+    if (code)
         return code;
+    if (!strcmp(before, "done") && strcmp(o->status, "done")) /* the result that it had stays */
+        return put(s, "UPDATE job SET message=? WHERE key=?", "tt", o->message, j->key);
     code = run(s, "BEGIN IMMEDIATE");
     if (code)
         return code;

@@ -22,6 +22,7 @@ struct work {
     int lock;           /* see job_hold; while it is running, else HELD */
     double start, told; /* seconds; when it was told to end, 0 = not */
     const char *why;    /* "timeout" or "memory", then */
+    size_t said;        /* bytes that earlier processes of this phase have said */
     struct outcome out;
     char folder[PATH_MAX];
 };

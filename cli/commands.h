@@ -35,8 +35,9 @@ void say_moved(const char *scene);
 /* Prints the command that continues an interrupted run. */
 void say_resume(const char *command, const char *folder);
 
-/* Text as one word of a shell. */
+/* Text as one word of a shell; the short form has no quotes where none are needed. */
 void put_word(FILE *to, const char *text);
+void put_short_word(FILE *to, const char *text);
 
 /* A text as a cell of comma-separated values. Spreadsheets compute what begins like a formula: a
  * quote before it makes it a text. */

@@ -80,15 +80,27 @@ void put_csv_text(FILE *f, const char *text)
     fputs(quoted ? "\"" : "", f);
 }
 
-void say_resume(const char *command, const char *folder)
+/* Whether a shell takes it as it is. */
+static bool is_plain(const char *text)
 {
     static const char plain[] =
         "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=:,./@%";
+    return *text && strspn(text, plain) == strlen(text);
+}
+
+void put_short_word(FILE *to, const char *text)
+{
+    if (is_plain(text))
+        fputs(text, to);
+    else
+        put_word(to, text);
+}
+
+void say_resume(const char *command, const char *folder)
+{
     char *word = NULL;
     size_t size;
-    FILE *out = strspn(folder, plain) == strlen(folder) && *folder != '-'
-                    ? NULL
-                    : open_memstream(&word, &size);
+    FILE *out = is_plain(folder) && *folder != '-' ? NULL : open_memstream(&word, &size);
     if (out) {
         put_word(out, folder);
         fclose(out);

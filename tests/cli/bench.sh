@@ -12,6 +12,9 @@ plan() { # FILE TRAIN-ITERATIONS MORE-DEFENSES: a plan of one scene
  "runs": [{"scenes": ["s"], "photos": ["clean", "noise"], "defenses": ["off", "half", "lg"$(echo "$3" | sed -n 's/.*"\(bad\)".*/, "\1"/p')], "models": ["default"], "seeds": [1]}]}
 END
 }
+child_of() { # PID: the process that it has started
+    grep -l "^PPid:[[:space:]]*$1\$" /proc/[0-9]*/status 2>/dev/null | sed 's,/proc/,,; s,/status,,' | grep .
+}
 n=60
 [ -z "${SG_TEST_ENGINE-}" ] || n=20
 plan plan.json $n ''
@@ -49,6 +52,9 @@ expect 2 bench tiny-memory.json -o kept.db -q
 says 'took more memory than the limit of 1048576 bytes'
 [ "$(ask kept.db "select count(distinct key) from cell join job using(key) join metric using(key) where defense='off' and status='done' and name='eval.psnr'")" -eq 2 ] || fail "a result is lost"
 
+expect 0 report kept.db -o kept -q
+grep -q '^| scene | not again | took more memory than the limit' kept/report.md || fail "no word about what runs wait for: $(cat kept/report.md)"
+
 # A pruned model is measured as its run was: here on white.
 sed 's/"--iterations"/"-w", &/; s/"--finetune", "5"/"--finetune", "0", "--ratio", "0"/' plan.json >white.json
 expect 0 bench white.json -o white.db -q
@@ -60,17 +66,20 @@ expect 0 bench long.json -o half.db -q
 ask half.db "delete from job where key in (select key from cell where defense='lg')"
 psnr=$(ask half.db "select value from metric join cell using(key) where defense='off' and photos='clean' and name='eval.psnr'")
 rm -r half.db.work
-"$tool" bench long.json -o half.db -q --jobs 1 2>err &
+"$tool" bench long.json -o half.db -q --jobs 2 2>err &
 pid=$!
 waited=0
-until ls half.db.work/*/run/log.jsonl >/dev/null 2>&1 || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+until [ "$(find half.db.work -name log.jsonl 2>/dev/null | wc -l)" -eq 2 ] || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
 sleep 0.3
 interrupt $pid
-expect 0 bench long.json -o half.db -q
+expect 0 bench long.json -o half.db -q --jobs 1
 for run in half.db.work/*/run; do
     grep -q '"interrupted": false' "$run/summary.json" || fail "$run was not finished"
 done
 [ "$(ask half.db "select count(*) from job where status='done'")" -eq 8 ] && [ "$psnr" = "$(ask half.db "select value from metric join cell using(key) where defense='off' and photos='clean' and name='eval.psnr'")" ] || fail "other results"
+
+# That two ran at a time once counts, although they ended one after the other.
+[ "$(ask half.db "select count(*) from job join cell using(key) where defense='off' and beside=2 and alone=0")" -eq 2 ] || fail "of shared runs $(ask half.db "select kind, beside, alone from job")"
 
 # Killed at any time: nothing is lost, nothing is done twice. SG_TEST_KILLS says how often, SG_TEST_SEED at which moments.
 results="select key, name, value from metric where name in ('eval.psnr', 'eval.ssim', 'final_gaussians') order by 1, 2"
@@ -101,6 +110,40 @@ while [ $killed -lt "$kills" ]; do
 done
 echo "killed $killed times while it ran $whole whole plans"
 
+# A training that memory ends early is no result. (Sanitizers need more addresses than there are here.)
+cat >grow.json <<END
+{${plan_engine}"train": ["--iterations", "400", "--init-points", "2000", "--densify-from-iter", "10", "--densification-interval", "5", "--densify-grad-threshold", "1e-9"],
+ "scenes": {"s": {"synth": ["--width", "48", "--height", "36", "--train-views", "5", "--test-views", "2", "--points", "200", "--samples", "1"]}},
+ "photos": {"clean": []}, "defenses": {"off": []}, "models": {"default": []},
+ "runs": [{"scenes": ["s"], "photos": ["clean"], "defenses": ["off"], "models": ["default"], "seeds": [1]}]}
+END
+if [ -z "${SG_TEST_ENGINE-}" ] && ! grep -q __sanitizer_ "$program"; then
+    (ulimit -v 200000; "$tool" bench grow.json -o grow.db -q 2>err; [ $? -eq 2 ]) || fail "a model of few Gaussians is a result"
+    says 'for lack of memory'
+    [ "$(ask grow.db "select status from job where kind='train'")" = memory ] || fail "a training without memory is $(ask grow.db 'select kind, status, message from job')"
+fi
+
+# Names are names, also where SQLite or a shell would take them for something else.
+expect 0 bench grow.json -o :memory: --list
+mkdir 'a b;c' && expect 0 synth -o 'a b;c/scene' --width 48 --height 36 --train-views 4 --test-views 2 --points 200 --samples 1
+mv 'a b;c/scene/blender/train/r_0.png' 'a b;c/scene/blender/train/desk_photo.png'
+sed -i 's,train/r_0",train/desk_photo",' 'a b;c/scene/blender/transforms_train.json'
+cat >names.json <<END
+{${plan_engine}"pictures": true, "train": ["--iterations", "5", "--init-points", "50"], "scenes": {"s": {"path": "a b;c/scene/blender"}},
+ "photos": {"clean": []}, "defenses": {"off": [], "lg": {"prune": ["--finetune", "2"]}}, "models": {"default": []},
+ "runs": [{"scenes": ["s"], "photos": ["clean"], "defenses": ["off"], "models": ["default"], "seeds": [1]}]}
+END
+expect 0 bench names.json -o :memory: -q # the photo of no view is "desk"
+[ -s ./:memory: ] || fail "no database :memory:"
+[ "$(ask ./:memory: "select count(*) from job where kind='train' and command like '%/a b;c/scene/blender''%'")" -eq 1 ] || fail "not for a shell: $(ask ./:memory: 'select command from job')"
+
+# Pictures stay where their run is made again for another job.
+[ "$(ask ./:memory: 'select count(distinct of) from picture')" -eq 1 ] || fail "no pictures"
+rm -r ./:memory:.work
+sed 's/"defenses": \["off"\]/"defenses": ["off", "lg"]/' names.json >more.json
+expect 0 bench more.json -o :memory: -q
+[ "$(ask ./:memory: 'select count(distinct of) from picture')" -eq 2 ] && [ "$(ask ./:memory: 'select count(distinct of) from spectrum')" -eq 2 ] || fail "pictures are lost"
+
 # Ctrl-C lets the runs save.
 plan long.json 100000 ''
 "$tool" bench long.json -o long.db -q 2>err &
@@ -122,6 +165,19 @@ until ls stuck.db.work/*/run/checkpoint.bin >/dev/null 2>&1 || [ $waited -ge 100
 interrupt $pid
 for checkpoint in stuck.db.work/*/run/checkpoint.bin; do echo damaged >"$checkpoint"; done
 expect 2 bench stuck.json -o stuck.db -q; says 'checkpoint.bin: found less than'
+# One that is killed has not said what its process before did.
+"$tool" bench stuck.json -o stuck.db -q --retry 2>err &
+pid=$!
+waited=0
+until ls stuck.db.work/*/run/checkpoint.bin >/dev/null 2>&1 || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+interrupt $pid
+"$tool" bench stuck.json -o stuck.db -q --retry 2>err &
+pid=$!
+waited=0
+until child_of $pid >child || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+kill -KILL "$(cat child)"
+wait $pid
+[ "$(ask stuck.db "select status, message from job where kind='train'")" = 'crashed|ended by signal 9 without a word' ] || fail "of a crash: $(ask stuck.db "select status, message from job")"
 expect 0 bench stuck.json -o stuck.db -q --retry
 
 # What changed runs; what fails is a row.
@@ -304,6 +360,8 @@ mistake 's/"--finetune", "5"/"--finetune", "5", "10"/' 'defenses.lg.prune[2]: fo
 mistake 's/"size": \[/&"--test-halves=yes", /' 'scenes.s.size[0]: --test-halves takes no value'
 mistake 's/"engine": "[^"]*", //; s/"timeout"/"engine": "cpuu", &/' 'engine: found "cpuu", expected one of cpu|'
 mistake 's/"--trained", "60"/"--trained", "{preset}"/' 'scenes.s: found no preset, expected one for {preset}'
+mistake 's/"--trained", "60"/"--trained", "{preset}"/; s/"synth"/"preset": "sixty", &/' 'scenes.s.preset: found "sixty", which prune --trained does not take, expected a whole number'
+mistake 's/"--downscale", "2"/"--downscale", "{preset}"/; s/"synth"/"preset": "2", &/' 'scenes.s.size[1]: found {preset}, expected a value'
 for plan in "$source_dir"/bench/plans/*.json; do
     "$tool" bench "$plan" --list --data "$work" >out 2>err || says 'found no file in'
 done
