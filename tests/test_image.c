@@ -568,6 +568,36 @@ static void encoders_without_memory(void **state)
     }
 }
 
+/* What the encoders hold counts against the limit, before they have it. */
+static void encoders_in_the_ledger(void **state)
+{
+    struct fixture *f = *state;
+    const int side = 700;
+    uint8_t *rgb = calloc((size_t) side * side, 3);
+    sg_ctx *small;
+    void *data;
+    size_t size;
+    assert_int_equal(
+        sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 1 << 20}), SG_OK);
+    for (int format = SG_PICTURE_PNG; format <= SG_PICTURE_JPEG; format++) {
+        assert_int_equal(sg_picture_encode(small, (enum sg_picture_format) format, rgb, side, side,
+                                           &data, &size),
+                         SG_ERR_BUDGET);
+        assert_non_null(strstr(sg_last_error(small), "memory"));
+        assert_int_equal(sg_picture_encode(f->ctx, (enum sg_picture_format) format, rgb, side, side,
+                                           &data, &size),
+                         SG_OK);
+        sg_mem_free(data);
+        assert_int_equal(sg_mem_current(small, SG_MEM_TAGS), 0);
+    }
+    for (int full = 0; full < 2; full++)
+        assert_int_equal(sg_image_write_jpeg(small, at(f, "m.jpg"), rgb, side, side, 90, full),
+                         SG_ERR_BUDGET);
+    assert_false(sg_file_exists(f->path));
+    sg_ctx_destroy(&small);
+    free(rgb);
+}
+
 /* A float map has one or three planes, and is not begun for anything else. */
 static void float_map_refusals(void **state)
 {
@@ -590,6 +620,7 @@ int main(void)
         scene_test(every_kind_of_png),
         scene_test(png_round_trip),
         scene_test(float_map_refusals),
+        scene_test(encoders_in_the_ledger),
         scene_test(jpeg_markers_without_length),
         scene_test(jpeg_of_many_scans),
         scene_test(jpeg_and_webp_by_content),

@@ -12,6 +12,7 @@
 
 #define WEBP_ENCODER_BYTES 48 /* of libwebp for a pixel, measured 37, and for any image */
 #define WEBP_ENCODER_LEAST (14u << 20)
+#define PNG_ENCODER_LEAST (1u << 19)
 #define WEBP_TABLE_BYTES 20000 /* five Huffman codes with the largest colour cache */
 /* Of a JPEG. Programs write about 10. Each passes over the whole picture, however few bytes it has.
  */
@@ -206,7 +207,7 @@ static int jpeg_failed(sg_ctx *ctx, const char *name, const char *what, tjhandle
 static int check_jpeg_header(sg_ctx *ctx, const char *name, int width, int height, int space)
 {
     if (space < 0 || width < 1 || height < 1) /* a file of tables only is also read as a header */
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found no picture", name);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found no picture, expected one", name);
     if (space != TJCS_RGB && space != TJCS_YCbCr && space != TJCS_GRAY)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: JPEG header: found CMYK colours, expected RGB or grey", name);
@@ -281,7 +282,8 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
 {
     WebPBitstreamFeatures info;
     if (WebPGetFeatures(data, size, &info) != VP8_STATUS_OK)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: WebP header: damaged or cut short", name);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: WebP header: found a damaged one, expected that of a picture", name);
     if (info.has_animation)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: WebP header: found an animation, expected one picture", name);
@@ -319,7 +321,9 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
         return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the WebP decoder", name);
     return status == VP8_STATUS_OK
                ? SG_OK
-               : sg_fail(ctx, SG_ERR_INPUT, "%s: WebP data: damaged or cut short", name);
+               : sg_fail(ctx, SG_ERR_INPUT,
+                         "%s: WebP data: found damaged data, or too little, expected a picture",
+                         name);
 }
 
 enum signature { UNKNOWN, PNG, JPEG, WEBP };
@@ -485,33 +489,55 @@ static int take_copy(sg_ctx *ctx, const void *from, size_t n, void **data, size_
 int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels,
                         void **data, size_t *size)
 {
-    void *png = NULL;
+    void *png = NULL, *room;
     *data = NULL;
     int code = png_possible(ctx, "memory", width, height, channels);
+    if (!code)
+        code = sg_reserve(ctx, SG_MEM_MISC, /* the encoder doubles its buffer */
+                          2 * (uint64_t) width * (uint64_t) height * (uint64_t) channels +
+                              PNG_ENCODER_LEAST,
+                          &room);
     if (code)
         return code;
     const int failed = encode_png(NULL, false, &png, size, pixels, width, height, channels);
     code = failed ? sg_fail(ctx, SG_ERR_BUDGET, "cannot encode a PNG: %s", spng_strerror(failed))
                   : take_copy(ctx, png, *size, data, size);
     free(png);
+    sg_free(room);
     return code;
 }
 
-/* Compresses; *data is the codec's: tjFree. name stands for the place in messages. */
-static int make_jpeg(sg_ctx *ctx, const char *name, const uint8_t *rgb, int width, int height,
-                     int quality, bool full_chroma, unsigned char **data, unsigned long *size)
+/* A compressed picture. */
+struct jpeg {
+    unsigned char *data; /* the codec's */
+    unsigned long size;
+    void *room; /* in the ledger, for it */
+};
+
+static void clear_jpeg(struct jpeg *j)
 {
-    int code = SG_OK;
-    *data = NULL;
+    tjFree(j->data);
+    sg_free(j->room);
+}
+
+/* Compresses; clear *out, also after an error. name stands for the place in messages. */
+static int make_jpeg(sg_ctx *ctx, const char *name, const uint8_t *rgb, int width, int height,
+                     int quality, bool full_chroma, struct jpeg *out)
+{
+    const int chroma = full_chroma ? TJSAMP_444 : TJSAMP_420;
+    *out = (struct jpeg){0};
     if (width < 1 || height < 1 || width > JPEG_SIDE_MAX || height > JPEG_SIDE_MAX)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "%s: found %d x %d pixels, expected sides of 1 to %d of a JPEG", name, width,
                        height, JPEG_SIDE_MAX);
+    int code = sg_reserve(ctx, SG_MEM_MISC, tjBufSize(width, height, chroma), &out->room);
+    if (code)
+        return code;
     tjhandle jpeg = tjInitCompress();
     if (!jpeg)
         return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG encoder", name);
-    if (tjCompress2(jpeg, rgb, width, 0, height, TJPF_RGB, data, size,
-                    full_chroma ? TJSAMP_444 : TJSAMP_420, quality, TJFLAG_ACCURATEDCT))
+    if (tjCompress2(jpeg, rgb, width, 0, height, TJPF_RGB, &out->data, &out->size, chroma, quality,
+                    TJFLAG_ACCURATEDCT))
         code = jpeg_failed(ctx, name, "cannot write the JPEG", jpeg);
     tjDestroy(jpeg);
     return code;
@@ -520,25 +546,23 @@ static int make_jpeg(sg_ctx *ctx, const char *name, const uint8_t *rgb, int widt
 int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height,
                         int quality, bool full_chroma)
 {
-    unsigned char *data;
-    unsigned long size = 0;
-    int code = make_jpeg(ctx, path, rgb, width, height, quality, full_chroma, &data, &size);
+    struct jpeg j;
+    int code = make_jpeg(ctx, path, rgb, width, height, quality, full_chroma, &j);
     if (!code)
-        code = sg_file_write(ctx, path, data, size);
-    tjFree(data);
+        code = sg_file_write(ctx, path, j.data, j.size);
+    clear_jpeg(&j);
     return code;
 }
 
 int sg_image_encode_jpeg(sg_ctx *ctx, const uint8_t *rgb, int width, int height, int quality,
                          bool full_chroma, void **data, size_t *size)
 {
-    unsigned char *jpeg;
-    unsigned long n = 0;
+    struct jpeg j;
     *data = NULL;
-    int code = make_jpeg(ctx, "memory", rgb, width, height, quality, full_chroma, &jpeg, &n);
+    int code = make_jpeg(ctx, "memory", rgb, width, height, quality, full_chroma, &j);
     if (!code)
-        code = take_copy(ctx, jpeg, n, data, size);
-    tjFree(jpeg);
+        code = take_copy(ctx, j.data, j.size, data, size);
+    clear_jpeg(&j);
     return code;
 }
 
