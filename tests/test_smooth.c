@@ -39,6 +39,17 @@ static void constant_images_stay(void **state)
     }
 }
 
+/* So weak a filter that 2 sigma^2 is 0. */
+static void least_sigma(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t rgb[W * H * 3], out[sizeof(rgb)];
+    for (size_t i = 0; i < sizeof(rgb); i++)
+        rgb[i] = (uint8_t) (i * 37);
+    assert_int_equal(sg_smooth_bilateral(f->ctx, 1e-200, rgb, NULL, W, H, out), SG_OK);
+    assert_memory_equal(out, rgb, sizeof(rgb));
+}
+
 static void impulse_through_the_gaussian(void **state)
 {
     struct fixture *f = *state;
@@ -200,10 +211,15 @@ static void out_of_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(constant_images_stay),       scene_test(impulse_through_the_gaussian),
-        scene_test(every_pixel_is_as_defined),  scene_test(masked_pixels_do_not_leak),
-        scene_test(wavelets_remove_noise),      scene_test(wavelets_see_noise_beside_a_background),
-        scene_test(training_photos_of_a_scene), scene_test(out_of_memory),
+        scene_test(constant_images_stay),
+        scene_test(least_sigma),
+        scene_test(impulse_through_the_gaussian),
+        scene_test(every_pixel_is_as_defined),
+        scene_test(masked_pixels_do_not_leak),
+        scene_test(wavelets_remove_noise),
+        scene_test(wavelets_see_noise_beside_a_background),
+        scene_test(training_photos_of_a_scene),
+        scene_test(out_of_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

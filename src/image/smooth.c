@@ -43,7 +43,7 @@ static void make_bilateral(struct filter *f, double sigma)
             if (dx * dx + dy * dy <= 16)
                 f->taps[f->n++] = (struct tap){dx, dy, (float) exp(-(dx * dx + dy * dy) / space)};
     for (int d = 0; d < DISTANCES; d++)
-        f->range[d] = (float) exp(-d * (double) d / range);
+        f->range[d] = d ? (float) exp(-d * (double) d / range) : 1; /* range can be 0 */
 }
 
 /* An image of one is repeated. */
