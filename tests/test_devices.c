@@ -346,8 +346,17 @@ static void test_auto(void **state)
     assert_int_equal(sg_engine_check(ctx, "auto", NULL), SG_OK);
     assert_string_equal(engine_of(ctx, "auto", "baseline"), "cpu");
     assert_string_equal(engine_of(ctx, NULL, "baseline"), "cpu");
-    assert_int_equal(sg_engine_check(ctx, "auto", "nonsense"), SG_ERR_USAGE);
+    /* Also beside an engine that has none. */
+    struct sg_engine *engine;
+    static const char *const names[] = {"auto", "cpu", "ref", "vulkan"};
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
+        assert_int_equal(sg_engine_check(ctx, names[i], "nonsense"), SG_ERR_USAGE);
+        assert_non_null(strstr(sg_last_error(ctx), "cpu: found \"nonsense\""));
+        sg_clear_error(ctx);
+    }
+    assert_int_equal(sg_engine_create(ctx, "ref", "nonsense", &engine), SG_ERR_USAGE);
     sg_clear_error(ctx);
+    assert_int_equal(sg_engine_check(ctx, "ref", "baseline"), SG_OK);
     if (!e.available) {
         assert_string_equal(engine_of(ctx, "auto", NULL), "cpu");
         assert_string_equal(engine_of(ctx, NULL, NULL), "cpu");

@@ -88,6 +88,13 @@ static const char *choice_of(const struct sg_engine_kind *kind, const char *name
     return colon ? colon + 1 : NULL;
 }
 
+/* Of an engine that has none a variant is one of the CPU's all the same: a run that goes on on
+ * another engine still has it. */
+static int check_variant(sg_ctx *ctx, const struct sg_engine_kind *kind, const char *variant)
+{
+    return variant && kind != kinds[0] ? kinds[0]->check(ctx, variant) : SG_OK;
+}
+
 int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant)
 {
     if (sg_engine_is_auto(name, variant))
@@ -95,7 +102,8 @@ int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant)
     const struct sg_engine_kind *kind = sg_engine_find(ctx, name, variant);
     if (!kind)
         return SG_ERR_USAGE;
-    return kind->check ? kind->check(ctx, choice_of(kind, name, variant)) : SG_OK;
+    const int code = check_variant(ctx, kind, variant);
+    return code || !kind->check ? code : kind->check(ctx, choice_of(kind, name, variant));
 }
 
 int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out)
@@ -104,7 +112,9 @@ int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct 
     const struct sg_engine_kind *kind = sg_engine_find(ctx, name, variant);
     if (!kind)
         return SG_ERR_USAGE;
-    const int made = kind->create(ctx, choice_of(kind, name, variant), out);
+    int made = check_variant(ctx, kind, variant);
+    if (!made)
+        made = kind->create(ctx, choice_of(kind, name, variant), out);
     if (!made && kind->devices && sg_engine_is_auto(name, variant))
         sg_log(ctx, SG_LOG_INFO, "engine: auto takes %s: %s", kind->name, sg_engine_variant(*out));
     if (!made)
