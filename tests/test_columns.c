@@ -2,6 +2,7 @@
 /* Properties of the table of columns that every loop over it relies on. */
 #include "model/columns.h"
 
+#include "engine/host/host_model.h"
 #include "models.h"
 
 /* Parameters come first, without gaps, as enum sg_param and sg_param_count have them. */
@@ -84,12 +85,40 @@ static void test_create(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* The plan counts each column that a run has in host memory. */
+static void test_footprint(void **state)
+{
+    (void) state;
+    static const struct {
+        struct sg_work work;
+        unsigned bits;
+    } cases[] = {
+        {{.sh_degree = 2}, SG_COLUMN_SAVED},
+        {{.sh_degree = 3, .radii = true}, SG_COLUMN_SAVED | SG_COLUMN_RADII},
+        {{.anchors = true}, SG_COLUMN_SAVED | SG_COLUMN_ANCHORS},
+        {{.anchors = true, .grace = true}, SG_COLUMN_SAVED | SG_COLUMN_ANCHORS | SG_COLUMN_GRACE},
+    };
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        uint64_t sum = 0, largest = 0;
+        for (int c = 0; c < SG_COLUMNS; c++)
+            if (sg_column_of(c, cases[k].bits) && sg_column_has_array(c)) {
+                const uint64_t bytes =
+                    (uint64_t) sg_column_array_planes(c, cases[k].work.sh_degree) * sizeof(float);
+                sum += bytes;
+                largest = bytes > largest ? bytes : largest;
+            }
+        assert_true(sg_host_footprint(&cases[k].work, false) >= sum + largest);
+        assert_true(sg_host_footprint(&cases[k].work, false) < sum + largest + 16);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_parameters),
         cmocka_unit_test(test_rows),
         cmocka_unit_test(test_create),
+        cmocka_unit_test(test_footprint),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -49,6 +49,8 @@ struct sg_work {
     bool mip;        /* with the filters of Mip-Splatting */
     bool anchors;    /* Gaussians are made of anchors, in each view anew */
     bool low_pass;   /* the photometric loss has that term */
+    bool radii;      /* the largest radii on the screen count */
+    bool grace;      /* anchors know when they were made */
     int width, height, threads;
 };
 /* The work of the engine that draws: anchors are drawn as Gaussians of SH degree 0. */

@@ -71,6 +71,8 @@ static struct sg_work work_of(sg_ctx *ctx, const struct sg_train_params *p, int 
                             .exposure = p->exposure,
                             .mip = p->model == SG_MODEL_MIP,
                             .anchors = p->model == SG_MODEL_SCAFFOLD,
+                            .radii = sg_counts_radii(p),
+                            .grace = sg_spares_anchors(p),
                             .low_pass =
                                 (p->tolerance > 0 || p->tolerances) && p->tolerance_low_pass > 0,
                             .threads = sg_ctx_threads(ctx),

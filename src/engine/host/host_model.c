@@ -443,14 +443,15 @@ void sg_host_clear(struct sg_host_model *h)
 
 uint64_t sg_host_footprint(const struct sg_work *work, bool gradient)
 {
+    const unsigned bits = SG_COLUMN_SAVED | (work->mip ? SG_COLUMN_MIP : 0) |
+                          (work->anchors ? SG_COLUMN_ANCHORS : 0) |
+                          (work->radii ? SG_COLUMN_RADII : 0) | (work->grace ? SG_COLUMN_GRACE : 0);
     uint64_t sum = 0, largest = 0;
     for (int c = 0; c < SG_COLUMNS; c++) {
         const uint64_t bytes =
             (uint64_t) sg_column_array_planes(c, work->sh_degree) * sizeof(float);
         if (!sg_column_has_array(c) ||
-            !(sg_column_of(c, SG_COLUMN_SAVED | (work->mip ? SG_COLUMN_MIP : 0) |
-                                  (work->anchors ? SG_COLUMN_ANCHORS : 0)) ||
-              (c == SG_C_ACCUMULATED && work->accumulate) ||
+            !(sg_column_of(c, bits) || (c == SG_C_ACCUMULATED && work->accumulate) ||
               (c == SG_C_GRADIENT && (gradient || work->mip)) || (c == SG_C_SHAPED && work->mip)))
             continue;
         sum += bytes;
