@@ -325,6 +325,13 @@ static void test_first_error_wins(void **state)
     sg_fail(ctx, SG_ERR_INPUT, "%s", text); /* cut, not overrun */
     assert_true(strlen(sg_last_error(ctx)) < 5000);
     free(text);
+    /* Memory for a caller takes no call's message away. */
+    sg_clear_error(ctx);
+    sg_fail(ctx, SG_ERR_INPUT, "of a call");
+    void *memory = sg_mem_alloc(ctx, SG_MEM_MISC, 1, 1);
+    assert_non_null(memory);
+    assert_string_equal(sg_last_error(ctx), "of a call");
+    sg_mem_free(memory);
     sg_ctx_destroy(&ctx);
 }
 

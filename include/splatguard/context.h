@@ -104,8 +104,8 @@ SG_API int sg_ctx_threads(const sg_ctx *ctx);
 SG_API uint64_t sg_mem_limit(const sg_ctx *ctx);
 
 /* Zeroed memory of count x size bytes, 64-byte aligned, that counts as the library's own: for
- * callers that keep to the context's limit. NULL, with SG_ERR_BUDGET as the last error, where it
- * does not fit. Thread safe. */
+ * callers that keep to the context's limit. NULL where it does not fit: that is the last error,
+ * unless a call before has failed and no other has begun since. Thread safe. */
 SG_API void *sg_mem_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
 SG_API void sg_mem_free(void *memory); /* NULL-safe, thread safe */
 

@@ -539,8 +539,8 @@ char *sg_strdup(sg_ctx *ctx, const char *text)
 
 void *sg_mem_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
 {
-    sg_clear_error(ctx);
-    return sg_alloc(ctx, tag, count, size);
+    return sg_alloc(ctx, tag, count,
+                    size); /* beside a call that may have failed: it clears nothing */
 }
 
 void sg_mem_free(void *memory)
