@@ -193,6 +193,8 @@ static void test_ranges(void **state)
         {"opacity_reset_interval", {SG_TRAIN_DEFAULTS, .opacity_reset_interval = 0}},
         {"init_points", {SG_TRAIN_DEFAULTS, .init_points = 3}},
         {"max_gaussians", {SG_TRAIN_DEFAULTS, .max_gaussians = 3}},
+        {"max_instances: found 4000000001, expected 1 to 4000000000",
+         {SG_TRAIN_DEFAULTS, .max_instances = 4000000001}},
         {NULL, {SG_TRAIN_DEFAULTS, .max_gaussians = 4, .init_points = 4, .lambda_dssim = 1}},
         {"defense.rho", {SG_TRAIN_DEFAULTS, .defense.rho = -0.91}},
         {"defense.rho", {SG_TRAIN_DEFAULTS, .defense.rho = 0.51}},

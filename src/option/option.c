@@ -341,8 +341,9 @@ static int refuse(sg_ctx *ctx, const struct sg_option *o, double v)
     if (o->type == SG_OPTION_CHOICE)
         return sg_fail(ctx, SG_ERR_USAGE, "%s: found %d, expected 0 to %d: one of %s", o->field,
                        (int) v, count_words(o->choices) - 1, o->choices);
-    return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g%s", o->field, v,
-                   o->low / unit, o->high / unit, exception(o));
+    const int digits = o->type == SG_OPTION_INT || o->type == SG_OPTION_U64 ? 17 : 6;
+    return sg_fail(ctx, SG_ERR_USAGE, "%s: found %.*g, expected %.*g to %.*g%s", o->field, digits,
+                   v, digits, o->low / unit, digits, o->high / unit, exception(o));
 }
 
 int sg_check_options(sg_ctx *ctx, const struct sg_option *options, const void *params)
