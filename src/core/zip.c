@@ -233,7 +233,8 @@ static size_t unzip_some(struct sg_unpacker *unpacker, void *to, size_t n)
     if (good && (u->left || u->crc == u->entry->crc))
         return n;
     u->failed = true;
-    sg_fail(u->zip->ctx, SG_ERR_INPUT, "%s: zip: found damaged data", u->path);
+    sg_fail(u->zip->ctx, SG_ERR_INPUT, "%s: zip: found damaged data, expected that of its checksum",
+            u->path);
     return 0;
 }
 

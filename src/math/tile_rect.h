@@ -22,14 +22,10 @@ SG_FN STRUCT(tile_rect) tile_rect_make(float x, float y, float sigma, int grid_x
     float rad = 3.0f * sigma;
     rad = rad < 1e6f ? rad : 1e6f;
     r.radius = TO_INT(rad) + (TO_FLOAT(TO_INT(rad)) < rad ? 1 : 0);
-    /* Clamped before the conversion: an int cannot hold every float. Truncation toward zero as in
-     * the reference. */
-    const float px = x < -1e8f  ? -1e8f
-                     : x > 1e8f ? 1e8f
-                                : x,
-                py = y < -1e8f  ? -1e8f
-                     : y > 1e8f ? 1e8f
-                                : y;
+    /* Clamped before the conversion: an int cannot hold every float, nor NaN. Truncation toward
+     * zero as in the reference. */
+    const float px = x > -1e8f ? x < 1e8f ? x : 1e8f : -1e8f,
+                py = y > -1e8f ? y < 1e8f ? y : 1e8f : -1e8f;
     const float fr = TO_FLOAT(r.radius), side = TO_FLOAT(SG_TILE);
     r.x0 = clamp_tile(TO_INT((px - fr) / side), grid_x);
     r.x1 = clamp_tile(TO_INT((px + fr + (side - 1.0f)) / side), grid_x);

@@ -151,8 +151,8 @@ int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
     if (!(p.low >= 0 && p.high >= p.low && p.high <= 1) || p.bins < 2 ||
         p.bins > SG_SPECTRUM_BINS_MAX || p.bins % 2)
         return sg_fail(ctx, SG_ERR_USAGE,
-                       "spectrum: found a band of %g to %g in %d directions, expected 0 to 1 and "
-                       "an even number up to %d",
+                       "spectrum: found a band of %g to %g in %d directions, expected 0 to 1, not "
+                       "falling, and an even number from 2 to %d",
                        p.low, p.high, p.bins, SG_SPECTRUM_BINS_MAX);
     struct transform t;
     const int code = transform_create(ctx, width, height, &t);

@@ -336,8 +336,7 @@ SIMD real r_exp(real x)
     return r_exp2(y) * ((float) 1 + low * 0.693147181f);
 }
 
-/* Natural logarithm of a positive normal number, absolute error 1e-5: for bounds, not for
- * values. */
+/* Natural logarithm of a positive normal number, absolute error 1e-5. */
 SIMD real r_log(real x)
 {
     const ireal bits = (ireal) x;

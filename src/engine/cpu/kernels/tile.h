@@ -165,7 +165,7 @@ SIMD void pairs_eval(struct pairs *p, const struct batch *b, const uint8_t *list
     EACH below[u] = pair_below(dy[u], p->splat[u]->down, p->splat[u]->peak);
     EACH power[u] = pair_power(x[u], below[u]);
     EACH shifted[u] = r_exp2_split(power[u], &x[u]);
-    /* Lists hold splats whose ellipse is near: nothing underflows. */
+    /* Far from a small ellipse this wraps around; such a pixel is not drawn. */
     EACH p->raw[u] = r_exp2_join(x[u], shifted[u]);
     EACH p->drawn[u] = pair_drawn(power[u]);
     EACH p->alpha[u] = pair_alpha(p->drawn[u], p->raw[u]);
