@@ -537,10 +537,10 @@ char *sg_strdup(sg_ctx *ctx, const char *text)
     return sg_strf(ctx, "%s", text);
 }
 
+/* Clears no message: a call that has failed may be going on beside it. */
 void *sg_mem_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
 {
-    return sg_alloc(ctx, tag, count,
-                    size); /* beside a call that may have failed: it clears nothing */
+    return sg_alloc(ctx, tag, count, size);
 }
 
 void sg_mem_free(void *memory)
