@@ -286,6 +286,19 @@ static void colmap_rig(void **state)
     s = load(f, NULL);
     assert_memory_equal(s->train[0].mask, half, 2);
     sg_scene_destroy(&s);
+
+    /* One in no folder would be that of both photos. */
+    remove(at(f, names[0]));
+    put_png(f, "masks/001.png", 2, 1, 1, 0);
+    expect_failure(f, NULL, SG_ERR_INPUT, "masks/001.png", "one mask", "left/001.JPG",
+                   "masks/right/001.png.png", NULL);
+    put_text(f, "sparse/images.txt",
+             "1 1 0 0 0 0 0 0 1 left/001.JPG\n\n2 1 0 0 0 1 0 0 1 right/002.png\n\n");
+    put_png(f, "images/right/002.png", 2, 1, 3, 0);
+    s = load(f, NULL);
+    assert_non_null(s->train[0].mask);
+    assert_null(s->train[1].mask);
+    sg_scene_destroy(&s);
 }
 
 static void resolution_rule(void **state)

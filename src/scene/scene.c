@@ -4,6 +4,7 @@
 #include "splatguard/scene.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "scene/photo.h"
@@ -96,15 +97,38 @@ static char *mask_name(sg_ctx *ctx, const char *masks, const struct sg_shot *sho
     }
 }
 
+static int by_mask(const void *a, const void *b)
+{
+    return strcmp((*(const struct sg_shot *const *) a)->mask,
+                  (*(const struct sg_shot *const *) b)->mask);
+}
+
+/* A mask in no sub-folder would also be found for photos of that name in several. */
+static int check_masks(sg_ctx *ctx, const char *masks, const struct sg_shot **found, size_t n)
+{
+    qsort(found, n, sizeof(*found), by_mask);
+    for (size_t i = 1; i < n; i++) {
+        const char *a = found[i - 1]->file, *b = found[i]->file;
+        if (!by_mask(&found[i - 1], &found[i]) && strcmp(a, b))
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found one mask for the photos %s and %s, expected %s/%s.png and "
+                           "%s/%s.png",
+                           found[i]->mask, a, b, masks, a, masks, b);
+    }
+    return SG_OK;
+}
+
 /* Masks are optional a photo. */
 static int find_masks(sg_ctx *ctx, const struct sg_folder *dir,
                       const struct sg_scene_params *params, struct sg_shots *shots)
 {
-    int code = SG_OK;
-    size_t found = 0;
+    int code = SG_ERR_BUDGET;
+    size_t masked = 0, n = 0;
     char *folder = sg_strf(ctx, "%s/%s", dir->path, params->masks ? params->masks : "masks");
-    if (!folder)
-        return SG_ERR_BUDGET;
+    const struct sg_shot **found = sg_alloc(ctx, SG_MEM_MISC, shots->count, sizeof(*found));
+    if (!folder || !found)
+        goto done;
+    code = SG_OK;
     if (!sg_folder_has_folder(dir, folder)) {
         if (params->masks)
             code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no such folder, expected masks", folder);
@@ -112,6 +136,7 @@ static int find_masks(sg_ctx *ctx, const struct sg_folder *dir,
     }
     for (size_t i = 0; i < shots->count; i++) {
         struct sg_shot *shot = &shots->items[i];
+        const bool named = shot->mask; /* by the scene's file */
         for (int k = 0; k < 6 && !shot->mask; k++) {
             char *path = mask_name(ctx, folder, shot, k);
             if (!path) {
@@ -123,12 +148,16 @@ static int find_masks(sg_ctx *ctx, const struct sg_folder *dir,
             else
                 sg_free(path);
         }
-        found += shot->mask != NULL;
+        masked += shot->mask != NULL;
+        if (shot->mask && !named)
+            found[n++] = shot;
     }
-    if (found < shots->count)
+    code = check_masks(ctx, folder, found, n);
+    if (!code && masked < shots->count)
         sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu images have no mask and are used whole", folder,
-               shots->count - found, shots->count);
+               shots->count - masked, shots->count);
 done:
+    sg_free(found);
     sg_free(folder);
     return code;
 }
