@@ -89,10 +89,10 @@ int sg_filtering_run(sg_trainer *t, struct sg_filtering *s, int it,
         s->filter_first = sg_engine_count(t->engine);
     const int code =
         sg_filter(t->engine, t->scene, &p->defense, render, share_of(t, s, it), p->seed, it, step);
+    step->scored *= each, step->removed *= each, step->unseen *= each;
     if (!code)
         sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu Gaussians the filter removed %zu", it,
                step->scored, step->removed);
-    step->scored *= each, step->removed *= each, step->unseen *= each;
     t->prune_seconds += sg_trainer_seconds_not_counting(t) - start;
     s->growths = 0;
     return code;
