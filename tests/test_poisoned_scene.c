@@ -114,6 +114,24 @@ static void test_blender(void **state)
              "[[1,0,0,1],[0,1,0,2],[0,0,1,8],[0,0,0,1]]}]}");
     check(f, sg_scene_params(.eval = true), SG_POISON_AUTO, SG_FORMAT_BLENDER);
     check(f, sg_scene_params(.eval = true, .downscale = 2), SG_POISON_AUTO, SG_FORMAT_BLENDER);
+
+    /* Cameras in pixels are written anew where the photos become smaller. */
+    static const char *const lenses[] = {
+        "\"fl_x\":21", "\"camera_angle_x\":0.7,\"cx\":11,\"cy\":9",
+        "\"fl_x\":21,\"fl_y\":20,\"cx\":11,\"cy\":9,\"w\":24,\"h\":16"};
+    for (int k = 0; k < 3; k++) {
+        for (int test = 0; test < 2; test++) {
+            char text[256];
+            snprintf(text, sizeof(text),
+                     "{%s,\"frames\":[{\"file_path\":\"%s\",\"transform_matrix\":"
+                     "[[1,0,0,1],[0,1,0,2],[0,0,1,%d],[0,0,0,1]]}]}",
+                     lenses[k], test ? "test/a" : "train/b", 3 + test);
+            put_text(f, test ? "transforms_test.json" : "transforms_train.json", text);
+        }
+        check(f, sg_scene_params(.eval = true), SG_POISON_AUTO, SG_FORMAT_BLENDER);
+        check(f, sg_scene_params(.eval = true, .downscale = 2), SG_POISON_AUTO,
+              SG_FORMAT_NERFSTUDIO);
+    }
 }
 
 /* Photos that differ only in their endings are refused before one of them is written. */

@@ -89,8 +89,9 @@ struct sg_view {
      * is read when it is needed, as all photos of a folder are that is loaded in a context with a
      * memory limit: see sg_view_pixels. */
     uint8_t *rgb;
-    uint8_t *mask;              /* height x width, 0 = ignored, 255 = used; NULL = all used */
-    uint64_t hash;              /* of rgb and mask as they were added; 0 = not known */
+    uint8_t *mask;  /* height x width, 0 = ignored, 255 = used; NULL = all used */
+    uint64_t hash;  /* of rgb and mask as they were added; 0 = not known */
+    bool in_pixels; /* private: the scene's files give its camera in pixels, not as an angle */
     struct sg_lazy_photo *lazy; /* private */
 };
 

@@ -60,16 +60,25 @@ static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folde
     return code;
 }
 
-/* The camera files of the scene do not describe photos whose distortion was undone, those of a
- * model that --colmap chose would not be found in the copy, and a scene from memory has none. */
+/* Whether the view's camera in the scene's files is not that of its photo in the copy. Those of
+ * COLMAP are adapted. */
+static bool needs_camera(const struct sg_scene *scene, const struct sg_view *v)
+{
+    return v->undistorted ||
+           (scene->format == SG_FORMAT_BLENDER && v->in_pixels &&
+            (v->camera.width != v->file_width || v->camera.height != v->file_height));
+}
+
+/* The camera files of a model that --colmap chose would not be found in the copy, and a scene from
+ * memory has none. */
 static bool needs_transforms(const struct sg_scene *scene)
 {
     bool any = scene->other_model ||
                (scene->format != SG_FORMAT_BLENDER && scene->format != SG_FORMAT_COLMAP);
     for (size_t i = 0; i < scene->n_train && !any; i++)
-        any = scene->train[i].undistorted;
+        any = needs_camera(scene, &scene->train[i]);
     for (size_t i = 0; i < scene->n_test && !any; i++)
-        any = scene->test[i].undistorted;
+        any = needs_camera(scene, &scene->test[i]);
     return any;
 }
 

@@ -297,6 +297,8 @@ static int fit_to_camera(sg_ctx *ctx, const struct sg_shot *shot, const struct s
     const int w = view->camera.width, h = view->camera.height;
     uint8_t *valid = NULL; /* 255: pixels that the photo shows, once it is undistorted */
     int code = SG_OK;
+    view->in_pixels = shot->lens.width || shot->lens.height || shot->lens.fx > 0 ||
+                      shot->lens.fy > 0 || shot->lens.has_principal;
     view->undistorted = sg_lens_is_distorted(lens);
     if (view->undistorted)
         code = undistort_view(ctx, shot, lens, view, &valid);
