@@ -157,6 +157,48 @@ static void test_splat_bytes(void **state)
     sg_model_destroy(&m);
 }
 
+/* Files that begin with a float are not taken for others by their first bytes. */
+static void test_splat_marks(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const marks[] = {"\x1f\x8b\x00\x3f", "ply\x3f"};
+    for (int k = 0; k < 2; k++) {
+        struct sg_model *m = make(f->ctx, 3, 0), *back;
+        for (size_t i = 0; i < 3; i++)
+            memcpy(sg_model_at(m, i, SG_P_XYZ), marks[k], 4);
+        assert_int_equal(sg_model_write(f->ctx, m, at(f, "s.splat"), NULL), SG_OK);
+        if (sg_model_read(f->ctx, f->path, 3, &back))
+            fail_msg("%s", sg_last_error(f->ctx));
+        assert_memory_equal(sg_model_at(back, 0, SG_P_XYZ), marks[k], 4);
+        sg_model_destroy(&m);
+        sg_model_destroy(&back);
+    }
+}
+
+/* Equal Gaussians: what is written can be read. */
+static void test_equal(void **state)
+{
+    struct fixture *f = *state;
+    enum { N = 200000 };
+    struct sg_model *m, *back;
+    assert_int_equal(sg_model_create(f->ctx, N, 0, &m), SG_OK);
+    for (size_t i = 0; i < N; i++)
+        *sg_model_at(m, i, SG_P_ROT) = 1;
+    for (int k = 0; k < 3; k++) {
+        struct sg_model_file file = sg_model_file_default();
+        file.spz_version = k == 1 ? 4 : 3;
+        const int code = sg_model_write(f->ctx, m, at(f, k == 2 ? "e.sog" : "e.spz"), &file);
+        assert_int_equal(code, k ? SG_ERR_INPUT : SG_OK);
+        if (k) {
+            assert_non_null(strstr(sg_last_error(f->ctx), "200000 Gaussians"));
+            continue;
+        }
+        assert_int_equal(sg_model_read(f->ctx, f->path, N, &back), SG_OK);
+        sg_model_destroy(&back);
+    }
+    sg_model_destroy(&m);
+}
+
 static void put_gzip(struct fixture *f, const char *name, const void *data, size_t size)
 {
     uint8_t packed[4096];
@@ -567,7 +609,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         scene_test(test_round_trips),  scene_test(test_second_trip_is_exact),
-        scene_test(test_splat_bytes),  scene_test(test_spz_headers),
+        scene_test(test_splat_bytes),  scene_test(test_splat_marks),
+        scene_test(test_equal),        scene_test(test_spz_headers),
         scene_test(test_spz_4),        scene_test(test_ksplat),
         scene_test(test_damage),       scene_test(test_writing_refusals),
         scene_test(test_select),       scene_test(test_sort),

@@ -27,6 +27,10 @@ int sg_compressed_ply_write(const struct sg_model *m, FILE *f);
 int sg_sog_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path);
 int sg_glb_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path);
 
+/* Packed data may stand for any number of equal Gaussians. A .sog, or an .spz of version 4, that
+ * claims more is refused before memory is taken for it, and is not written. */
+#define SG_GAUSSIANS_A_BYTE 16
+
 /* Which Gaussian sg_model_sort puts where. sg_free(*order), also after an error. */
 int sg_model_order(sg_ctx *ctx, const struct sg_model *m, uint32_t **order);
 

@@ -54,6 +54,14 @@ static bool starts_with(struct sg_source *in, const char *bytes, size_t n)
     return start && !memcmp(start, bytes, n);
 }
 
+/* A .splat file begins with any float, so all that is fixed in a header of gzip has to be there: as
+ * floats these are of no scene. */
+static bool is_gzip(struct sg_source *in)
+{
+    const char *start = sg_source_peek(in, 4);
+    return start && !memcmp(start, "\x1f\x8b\x08", 3) && !(start[3] & 0xe0);
+}
+
 /* A text that only headers of compressed PLY files have. */
 static bool is_compressed_ply(struct sg_source *in)
 {
@@ -68,7 +76,7 @@ static int read_from(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
                      struct sg_model **out)
 {
     const enum sg_model_format named = sg_model_format_of(in->path);
-    if (starts_with(in, "\x1f\x8b", 2) || starts_with(in, "NGSP", 4))
+    if (is_gzip(in) || starts_with(in, "NGSP", 4))
         return sg_spz_read(ctx, in, max_gaussians, out);
     if (starts_with(in, "PK\3\4", 4))
         return sg_sog_read(ctx, in, max_gaussians, out);
@@ -77,7 +85,7 @@ static int read_from(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
             ctx, SG_ERR_INPUT,
             "%s: found glTF, expected .ply, .compressed.ply, .splat, .spz, .ksplat or .sog",
             in->path);
-    if (!starts_with(in, "ply", 3)) { /* these have no mark */
+    if (!starts_with(in, "ply\n", 4) && !starts_with(in, "ply\r", 4)) { /* these have no mark */
         if (named == SG_MODEL_KSPLAT)
             return sg_ksplat_read(ctx, in, max_gaussians, out);
         if (named == SG_MODEL_SPLAT)
@@ -127,6 +135,18 @@ static int check_file(sg_ctx *ctx, const char *path, const struct sg_model_file 
     return SG_OK;
 }
 
+/* The readers must take what was written. */
+static int check_packed(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path)
+{
+    const off_t size = ftello(f);
+    return size < 0 || m->count / SG_GAUSSIANS_A_BYTE <= (uint64_t) size
+               ? SG_OK
+               : sg_fail(ctx, SG_ERR_INPUT,
+                         "%s: found %zu Gaussians so much alike that %lld bytes hold them, "
+                         "expected at most %d for a byte in this format",
+                         path, m->count, (long long) size, SG_GAUSSIANS_A_BYTE);
+}
+
 int sg_model_write(sg_ctx *ctx, const struct sg_model *m, const char *path,
                    const struct sg_model_file *file)
 {
@@ -156,6 +176,9 @@ int sg_model_write(sg_ctx *ctx, const struct sg_model *m, const char *path,
         code = sg_sog_write(ctx, m, w.stream, path);
     else
         code = sg_glb_write(ctx, m, w.stream, path);
+    if (!code && (choice.format == SG_MODEL_SOG ||
+                  (choice.format == SG_MODEL_SPZ && choice.spz_version == 4)))
+        code = check_packed(ctx, m, w.stream, path);
     if (!code)
         code = sg_file_commit(ctx, &w);
     sg_file_abandon(&w);

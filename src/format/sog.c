@@ -14,10 +14,6 @@
 #define META_MAX ((size_t) 1 << 18)
 #define IMAGE_MAX ((size_t) 1 << 30) /* bytes of one that is packed */
 
-/* Files have 6 bytes or more for a Gaussian. An image of one colour may stand for any number, so a
- * claim beyond this is refused before memory is taken. */
-#define GAUSSIANS_A_BYTE 16
-
 struct file {
     sg_ctx *ctx;
     struct sg_source *in;
@@ -98,7 +94,7 @@ static int read_meta(struct file *f)
         return wrong(f, "version", version, "2");
     if (!json_is_integer(count) || json_integer_value(count) < 0)
         return wrong(f, "count", count, "the number of Gaussians");
-    if ((uint64_t) json_integer_value(count) / GAUSSIANS_A_BYTE > f->in->size)
+    if ((uint64_t) json_integer_value(count) / SG_GAUSSIANS_A_BYTE > f->in->size)
         return sg_fail(f->ctx, SG_ERR_INPUT,
                        "%s: meta.json: count: found %lld Gaussians in a file of %llu bytes",
                        f->in->path, (long long) json_integer_value(count),

@@ -8,15 +8,14 @@
 #include "zstd_frame.h"
 
 #define HEADER 16
-#define HEADER_4 32         /* of version 4 */
-#define TABLE_ROW 16        /* of its table: packed bytes, bytes */
-#define ARRAYS 6            /* without SH one less */
-#define GAUSSIANS_A_BYTE 16 /* of a file of version 4: what claims more is refused */
-#define FRACTION 12         /* bits of a position behind the point, fewer where that does not fit */
-#define COLOUR_SCALE 0.15f  /* of degree 0, so that colours beyond 0..1 fit */
-#define ROWS 1024           /* at once */
-#define ROTATION_MAX 511    /* magnitude of a component, for 1 / sqrt 2 */
-#define EXTENSIONS 2        /* bit of the flags */
+#define HEADER_4 32        /* of version 4 */
+#define TABLE_ROW 16       /* of its table: packed bytes, bytes */
+#define ARRAYS 6           /* without SH one less */
+#define FRACTION 12        /* bits of a position behind the point, fewer where that does not fit */
+#define COLOUR_SCALE 0.15f /* of degree 0, so that colours beyond 0..1 fit */
+#define ROWS 1024          /* at once */
+#define ROTATION_MAX 511   /* magnitude of a component, for 1 / sqrt 2 */
+#define EXTENSIONS 2       /* bit of the flags */
 
 static const struct sg_axes axes = {1, -1, -1};
 
@@ -357,7 +356,7 @@ static int read_table(sg_ctx *ctx, struct sg_source *in, struct header *h, uint6
     if (found != arrays)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found %d arrays, expected %d", in->path,
                        found, arrays);
-    if (h->count / GAUSSIANS_A_BYTE > in->size)
+    if (h->count / SG_GAUSSIANS_A_BYTE > in->size)
         return cannot_hold(ctx, in, h);
     if (at < HEADER_4 || at > in->size)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found its table at byte %llu of %llu",
