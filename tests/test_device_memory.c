@@ -129,6 +129,26 @@ static void test_driver_limits(void **state)
         assert_int_equal(limits.photos_stay, room);
     }
 
+    /* Memory for more than the engine can index. */
+    const struct sg_vram told = *sg_ctx_vram(f.ctx);
+    sg_ctx_vram(f.ctx)->limit = UINT64_C(1) << 40, sg_ctx_vram(f.ctx)->largest = 0;
+    for (int degree = 0; degree <= 3; degree += 3) {
+        const int planes = sg_param_count(degree);
+        limits = (struct sg_budget){.instances = 1 << 30};
+        assert_int_equal(sg_budget_plan_device(f.ctx, &f.scene, &p, degree, false, false, &limits),
+                         SG_OK);
+        assert_int_equal(sg_vulkan_check_size(f.ctx, limits.gaussians, planes), SG_OK);
+        assert_int_equal(sg_vulkan_check_size(f.ctx, limits.gaussians + 1, planes), SG_ERR_BUDGET);
+        sg_clear_error(f.ctx);
+    }
+    struct sg_train_params anchors = scaffold_params();
+    anchors.engine = p.engine;
+    limits = (struct sg_budget){.instances = 1 << 30};
+    assert_int_equal(sg_budget_plan_device(f.ctx, &f.scene, &anchors, 0, false, false, &limits),
+                     SG_OK);
+    assert_int_equal(limits.gaussians, sg_vulkan_most(sg_param_count(0)));
+    sg_ctx_vram(f.ctx)->limit = told.limit, sg_ctx_vram(f.ctx)->largest = told.largest;
+
     struct gpu_buffer b = {0};
     assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, (1 << 20) + 1), SG_ERR_BUDGET);
     assert_non_null(strstr(sg_last_error(f.ctx), "its driver gives at most 1048576 at once"));
@@ -246,8 +266,14 @@ static void test_default(void **state)
     assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, &one), SG_OK);
     const uint64_t limit = sg_ctx_vram(ctx)->limit, held = sg_vram_current(ctx, SG_MEM_TAGS);
     assert_true(held > 0 && held < limit && limit < UINT64_MAX / 2);
+    struct gpu *g = vulkan_of(one)->gpu; /* what it holds is not free for the second */
+    struct gpu_buffer b = {0};
+    assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, (limit - held) / 2), SG_OK);
+    const uint64_t before = sg_vram_current(ctx, SG_MEM_TAGS);
     assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, &two), SG_OK);
-    assert_int_equal(sg_vram_current(ctx, SG_MEM_TAGS), 2 * held);
+    assert_int_equal(sg_vram_current(ctx, SG_MEM_TAGS), before + held);
+    assert_true(sg_ctx_vram(ctx)->limit <= g->chosen.info.memory);
+    sg_gpu_release(g, &b);
     sg_engine_destroy(&one);
     sg_engine_destroy(&two);
     assert_nothing_held(ctx, "engines", 2);

@@ -51,6 +51,7 @@ static void test_choice(void **state)
     assert_non_null(strstr(choose(ctx, list + 5, 1, NULL), "found no GPU"));
     assert_string_equal(choose(ctx, list, 6, "LLVM"), "llvmpipe (LLVM 15)");
     assert_string_equal(choose(ctx, list, 6, "0"), "llvmpipe (LLVM 15)");
+    assert_string_equal(choose(ctx, list, 6, "15"), "llvmpipe (LLVM 15)");
     assert_string_equal(choose(ctx, list, 6, "geforce"), "GeForce One");
     assert_string_equal(choose(ctx, list, 6, "4"), "GeForce Three");
     assert_non_null(strstr(choose(ctx, list, 6, "old"), "Old lacks Vulkan 1.2"));

@@ -65,6 +65,7 @@ struct sg_footprint {
     uint64_t gaussian; /* one of the model: parameters, optimiser, projection */
     uint64_t instance; /* one (Gaussian, tile) pair held at once */
     uint64_t largest;  /* of a device: of a Gaussian in the array that has most of it */
+    uint64_t most;     /* of a device: Gaussians that kernels can index */
     uint64_t view;     /* the buffers of an image of this size */
     uint64_t map;      /* of a device: the largest of these */
     uint64_t photo;    /* a photo of this size, beside the pixels that the scene holds */

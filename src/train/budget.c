@@ -231,6 +231,7 @@ int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
             (unsigned long long) ((fixed + least) / 5 * 6 + 6), (unsigned long long) photos,
             (unsigned long long) v.buffers, LEAST, (unsigned long long) least);
     lower(limits, (limit - fixed) / each);
+    lower(limits, need.most);
     uint64_t lists = (limit - fixed - most_reached(limits) * need.gaussian) / need.instance;
     if (largest && need.largest) {
         lower(limits, largest / need.largest);

@@ -154,7 +154,7 @@ int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int
     *out = selector ? NULL : best_of(devices, n);
     char *end = NULL;
     const long number = selector && *selector ? strtol(selector, &end, 10) : -1;
-    const bool by_number = end && !*end;
+    const bool by_number = end && !*end && number < n; /* else part of a name, such as 4090 */
     for (int i = 0; i < n && !*out && selector; i++)
         if (by_number ? number == i : contains(devices[i].info.name, selector))
             *out = &devices[i];

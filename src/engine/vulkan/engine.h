@@ -207,6 +207,8 @@ int sg_vulkan_floor_scale(struct sg_engine *, float smallest);
 int sg_vulkan_reset_opacity(struct sg_engine *, float limit);
 int sg_vulkan_shape(struct sg_engine *, const struct sg_shape *);
 int sg_vulkan_shape_backward(struct sg_engine *, const struct sg_shape *);
+/* Gaussians whose arrays kernels can index. */
+uint64_t sg_vulkan_most(int planes);
 int sg_vulkan_check_size(sg_ctx *, size_t count, int planes);
 /* The first `planes` planes of the parameters, as the parameters of a host model of that many
  * planes, which is to be cleared, also after an error. */

@@ -567,6 +567,7 @@ static struct sg_footprint on_device(const struct sg_work *work)
         .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_SH) + 1,
         .instance = INSTANCE_BYTES,
         .largest = parameters > (4 * VK_SPLAT) ? parameters : (4 * VK_SPLAT),
+        .most = sg_vulkan_most(sg_param_count(w->sh_degree)),
         .map = pixels * VK_MAPS_BYTES,
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64 + 4 * VK_UNIT) +
                 (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)

@@ -460,7 +460,10 @@ static int open_flights(struct gpu *g)
         result = open_flight(g, &g->flights[i]);
     if (result)
         return fail_result(g, result, "opening the device");
-    sg_vram_limit(g->ctx, g->chosen.info.memory_free, g->chosen.largest, g->chosen.allocations);
+    /* A driver that does not tell what is free does not count what this context holds either. */
+    const uint64_t free = g->chosen.info.memory_free,
+                   held = g->chosen.memory_budget ? 0 : sg_vram_current(g->ctx, SG_MEM_TAGS);
+    sg_vram_limit(g->ctx, free > held ? free - held : 0, g->chosen.largest, g->chosen.allocations);
     int code = create_buffer(g, SG_MEM_MISC, &g->staging, STAGING, true);
     if (!code)
         code = create_buffer(g, SG_MEM_MISC, &g->none, 256, false);

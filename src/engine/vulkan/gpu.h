@@ -93,7 +93,8 @@ void sg_gpu_close(struct gpu **gpu);
 
 /* Makes room for at least `bytes`. Where the buffer has to grow, it may become half as large again
  * as it was, as long as most of the memory is free, and what it held is lost. After an error it
- * holds nothing. SG_ERR_BUDGET, or SG_ERR_INTERNAL where commands that use the buffer fail. */
+ * holds nothing. SG_ERR_BUDGET; where commands that use the buffer fail SG_ERR_INTERNAL, or
+ * GPU_STOPPED, after which it is as it was. */
 int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes);
 /* The same of one that the host sees, which is made once. */
 int sg_gpu_window(struct gpu *g, struct gpu_buffer *b, uint64_t bytes);
@@ -106,7 +107,8 @@ VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b);
 
 /* ---- commands: recorded, in order ---- */
 
-/* variant: the SH degree, the parts of networks, or 1 for sums of absolute gradients; else 0. */
+/* variant: the SH degree, the parts of networks, or 1 for sums of absolute gradients and for lines
+ * of a spectrum in memory of the device; else 0. */
 int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
                     size_t size, uint64_t groups);
 /* The workgroups are in item `item` of `work` (VK_WORK_WORDS each), from an earlier kernel. */

@@ -118,12 +118,9 @@ static int count_tiles(struct gpu *g, struct gpu_lists *l, uint32_t first, uint3
                    .reference_tiles = l->reference_tiles);
 }
 
+/* Kernels count its instances in 32 bits: those of one tile are as many as Gaussians at most. */
 static int add_band(sg_ctx *ctx, struct gpu_lists *l, struct gpu_band band)
 {
-    if (band.instances > UINT32_MAX)
-        return sg_fail(ctx, SG_ERR_BUDGET,
-                       "render: one tile has %llu instances, at most %u are supported",
-                       (unsigned long long) band.instances, UINT32_MAX);
     if (sg_grow(ctx, SG_MEM_INSTANCES, &l->bands, &l->cap_bands, (size_t) l->band_count + 1,
                 (size_t) l->band_count, sizeof(*l->bands)))
         return SG_ERR_BUDGET;

@@ -104,7 +104,8 @@ static int upload(struct sg_engine *base, const struct sg_model *m,
     struct gpu *g = e->gpu;
     struct vulkan_anchors *a = &e->anchors;
     const int planes = sg_param_count(0);
-    int code = sg_vulkan_check_size(base->ctx, m->count * VK_ANCHOR, SG_A_PLANES);
+    _Static_assert(VK_A_VALUES <= VK_ANCHOR * VK_SPLAT, "anchors take no more than what is drawn");
+    int code = sg_vulkan_check_size(base->ctx, m->count * VK_ANCHOR, planes);
     if (code)
         return code;
     sg_vulkan_anchors_clear(e);

@@ -60,10 +60,14 @@ static int replace(struct vulkan_engine *e, int column, const float *from, size_
     return SG_OK;
 }
 
+uint64_t sg_vulkan_most(int planes)
+{
+    return VK_MOST_INDEX / (uint64_t) (planes > VK_SPLAT ? planes : VK_SPLAT) - SG_LANES;
+}
+
 int sg_vulkan_check_size(sg_ctx *ctx, size_t count, int planes)
 {
-    const uint64_t row = planes > VK_SPLAT ? (uint64_t) planes : VK_SPLAT;
-    const uint64_t most = VK_MOST_INDEX / row - SG_LANES;
+    const uint64_t most = sg_vulkan_most(planes);
     return count <= most ? SG_OK
                          : sg_fail(ctx, SG_ERR_BUDGET,
                                    "vulkan: found %zu Gaussians of %d values, at most %llu are "

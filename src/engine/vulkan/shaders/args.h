@@ -27,7 +27,6 @@
 
 /* Numbers that kernels leave for the host; pairs are low and high words. */
 #define VK_RESULT_VISIBLE 0
-#define VK_RESULT_DRAWN 1
 #define VK_RESULT_INSTANCES 2
 #define VK_RESULT_PAIRS 4
 #define VK_RESULT_LONGEST 6
@@ -40,7 +39,8 @@
 #define VK_RESULTS 282
 
 /* Work of later kernels, which the device counts: of each item the workgroups in three dimensions,
- * and what they work on. All are 0 once the device has stopped. */
+ * and what they work on. Once the device has stopped, those that change the model and those of
+ * instances have no workgroups. */
 #define VK_WORK_WORDS 4
 #define VK_WORK_ITEMS 3      /* the word with the number of items */
 #define VK_WORK_MODEL 0      /* Gaussians, of kernels that change the model or count in it */

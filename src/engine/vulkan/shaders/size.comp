@@ -36,7 +36,6 @@ void main()
         put(VK_WORK_DRAWN, total, total, VK_GROUP);
         put(VK_WORK_DRAWN_SCAN, total, total, VK_SCAN);
         put_sort(VK_WORK_DRAWN_SORT, VK_WORK_DRAWN_DIGITS, total);
-        a.results.v[VK_RESULT_DRAWN] = total;
     } else if (a.what == VK_SIZE_INSTANCES) {
         const uint drawn = a.work.v[VK_WORK_DRAWN * VK_WORK_WORDS + VK_WORK_ITEMS];
         const bool fits = !stopped && total <= a.capacity &&
