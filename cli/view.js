@@ -38,16 +38,17 @@ function cameraOf(view) {
 }
 
 // ---- state ----
-let scene, camera, pivot, up, view = 0, atPhoto = true;
+let scene, camera, up, view = 0, atPhoto = true;
+let middle, pivot; // of the scene; what the camera turns about, which panning takes along
 let render = null, photo = null, photoView = -1, scored = -1; // scored: the newest picture of scores
 
 // Where the axes of all cameras come nearest to each other; before the camera where they are parallel.
-function findPivot() {
+function findMiddle() {
     const cameras = scene.views.map(cameraOf);
     const far = 1.5 * scene.extent;
     up = unit(cameras.reduce((sum, c) => add(sum, c.R[1], -1), [0, 0, 0]));
     if (length(up) < .5) up = [0, -1, 0];
-    pivot = add(cameras[0].c, cameras[0].R[2], far);
+    middle = add(cameras[0].c, cameras[0].R[2], far);
     if (cameras.length < 2) return;
     const M = [[1e-9, 0, 0], [0, 1e-9, 0], [0, 0, 1e-9]], b = [0, 0, 0];
     for (const {R, c} of cameras)
@@ -59,7 +60,7 @@ function findPivot() {
     const det = dot(M[0], cross(M[1], M[2]));
     const solved = [cross(M[1], M[2]), cross(M[2], M[0]), cross(M[0], M[1])];
     const p = [0, 1, 2].map(k => (solved[0][k] * b[0] + solved[1][k] * b[1] + solved[2][k] * b[2]) / det);
-    if (det > 1e-3 * cameras.length ** 3 && p.every(Number.isFinite)) pivot = p;
+    if (det > 1e-3 * cameras.length ** 3 && p.every(Number.isFinite)) middle = p;
 }
 
 const kind = () => +$('kind').value;
@@ -75,6 +76,12 @@ async function fetchPicture(of, scale, still) {
     const answer = await fetch(address(of, scale, still));
     if (!answer.ok) throw new Error((await answer.text()).trim());
     return createImageBitmap(await answer.blob());
+}
+
+// The next picture; what the last one holds is not left to the garbage collector, which sees little of it.
+function replace(last, next) {
+    if (last !== next) last?.close?.();
+    return next;
 }
 
 // ---- drawn by the browser, where it can ----
@@ -122,17 +129,17 @@ async function work() {
         try {
             if (scene.photos && (photoView !== view) && (of === PHOTO || +$('wipe').value > 0)) {
                 const asked = view; // another one may be chosen while this one comes
-                photo = await fetchPicture(PHOTO, 1, 1);
+                photo = replace(photo, await fetchPicture(PHOTO, 1, 1));
                 photoView = asked;
             }
             if (drawnHere()) {
                 await drawing.frame(camera, scene.views[view], ...size());
-                if (drawing.any) render = drawing.canvas;
+                if (drawing.any) render = replace(render, drawing.canvas);
             } else if (of !== PHOTO) {
                 if (of >= SCORE && scored !== of) show('Counting hits in the training views …');
                 const width = (canvas.clientWidth || 300) * devicePixelRatio;
                 const fit = Math.min(1, Math.max(.05, width / scene.views[view].width));
-                render = await fetchPicture(of, fast ? Math.max(.05, fit / 2) : fit, fast ? 0 : 1);
+                render = replace(render, await fetchPicture(of, fast ? Math.max(.05, fit / 2) : fit, fast ? 0 : 1));
                 if (of >= SCORE) scored = of;
             }
             show('');
@@ -218,6 +225,7 @@ function jump(to) {
     view = (to + scene.views.length) % scene.views.length;
     $('photo').value = view;
     camera = cameraOf(scene.views[view]);
+    pivot = middle;
     atPhoto = true;
     canvas.setAttribute('aria-label', `The model from the camera of ${scene.views[view].name || 'the page'}; keys move it`);
     draw(false);
@@ -255,10 +263,11 @@ addEventListener('keydown', event => {
 
 const fingers = new Map();
 canvas.addEventListener('pointerdown', event => {
+    if (event.button) return;
     canvas.setPointerCapture(event.pointerId);
     fingers.set(event.pointerId, event);
 });
-for (const end of ['pointerup', 'pointercancel'])
+for (const end of ['pointerup', 'pointercancel', 'lostpointercapture'])
     canvas.addEventListener(end, event => fingers.delete(event.pointerId));
 canvas.addEventListener('pointermove', event => {
     const before = fingers.get(event.pointerId);
@@ -321,15 +330,25 @@ async function poll() {
     setTimeout(poll, 1000);
 }
 
+async function ask(what) {
+    try {
+        const answer = await fetch(what, {method: 'POST'});
+        if (!answer.ok) throw new Error((await answer.text()).trim());
+    } catch (error) {
+        show(`splatguard did not take "${what}": ${error.message}`, true);
+        if (what === 'stop') $('stop').disabled = false;
+    }
+}
+
 $('pause').addEventListener('click', () => {
     const paused = $('pause').dataset.paused;
-    fetch(paused ? 'go' : 'pause', {method: 'POST'});
+    ask(paused ? 'go' : 'pause');
     $('pause').dataset.paused = paused ? '' : 1;
     $('pause').textContent = paused ? 'Pause' : 'Go on';
 });
 $('stop').addEventListener('click', () => {
     $('stop').disabled = true;
-    fetch('stop', {method: 'POST'});
+    ask('stop');
 });
 
 // ---- begin ----
@@ -351,7 +370,7 @@ async function begin() {
     $('next').addEventListener('click', () => jump(view + 1));
     for (const id of ['kind', 'by']) $(id).addEventListener('change', () => draw(false));
     $('wipe').addEventListener('input', () => photoView === view && render ? paint() : draw(false));
-    findPivot();
+    findMiddle();
     jump(0);
     let width = canvas.clientWidth;
     new ResizeObserver(() => {

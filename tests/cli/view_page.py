@@ -64,6 +64,38 @@ try:
     assert b.evaluate("""(() => { jump(0); $('mode').value = 'orbit';
         const far = length(add(camera.c, pivot, -1)); turn(.3, .2);
         return Math.abs(length(add(camera.c, pivot, -1)) / far - 1) < 1e-9 && Math.abs(dot(camera.R[0], camera.R[1])) < 1e-9; })()""")
+    # Back at a photo it turns about the middle again, wherever panning has taken that.
+    assert b.evaluate("""(() => { jump(0), step(.3, .2, 0);
+        const away = length(add(pivot, middle, -1)); jump(0);
+        return away > 0 && length(add(pivot, middle, -1)) === 0; })()""")
+    # Only the first button holds the camera; a picture that is replaced is given up.
+    turns, closed = b.evaluate("""(async () => {
+        const wait = async () => { do await new Promise(done => setTimeout(done, 10)); while (busy); };
+        const point = (type, button, clientX) => canvas.dispatchEvent(new PointerEvent(type, {pointerId: 1, button, clientX}));
+        const real = ImageBitmap.prototype.close, held = canvas.setPointerCapture, turns = [];
+        let closed = 0;
+        ImageBitmap.prototype.close = function () { closed++; real.call(this); };
+        canvas.setPointerCapture = () => 0; // which knows no pointer of a script
+        for (const button of [2, 0]) {
+            const before = camera.c.join();
+            point('pointerdown', button, 10), point('pointermove', -1, 40), point('pointerup', button, 40);
+            turns.push(camera.c.join() !== before);
+            await wait();
+        }
+        ImageBitmap.prototype.close = real, canvas.setPointerCapture = held;
+        return [turns, closed];
+    })()""")
+    assert turns == [False, True] and closed > 0, (turns, closed)
+    # What splatguard does not take is said, and can be asked again.
+    disabled, said = b.evaluate("""(async () => {
+        const real = window.fetch;
+        window.fetch = async () => { throw new Error('no connection'); };
+        $('stop').click();
+        await new Promise(done => setTimeout(done, 50));
+        window.fetch = real;
+        return [$('stop').disabled, $('message').textContent];
+    })()""")
+    assert not disabled and "no connection" in said, (disabled, said)
     # Every control has a name and can be reached; nothing is wider than a phone.
     for dark in (False, True):
         b.open(address, 400, 800, dark)
