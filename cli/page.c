@@ -70,11 +70,13 @@ void put_bar(FILE *f, double share)
 int write_whole(const char *command, const char *path, const void *what,
                 int (*put)(FILE *, const void *))
 {
-    char temporary[PATH_MAX];
-    snprintf(temporary, sizeof(temporary), "%.*s.tmp%ld", (int) sizeof(temporary) - 32, path,
-             (long) getpid());
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    char *temporary; /* its name is cut: names have 255 bytes at most */
+    if (asprintf(&temporary, "%.*s%.230s.tmp%ld", (int) (name - path), path, name,
+                 (long) getpid()) < 0)
+        return no_memory();
     unlink(temporary); /* left by a process with the same number, or put there on purpose */
-    FILE *f = fopen(temporary, "wx");
+    FILE *f = fopen(temporary, "wxe");
     errno = f ? 0 : errno;
     const int code = f ? put(f, what) : STATUS_DONE;
     const bool whole =
@@ -82,11 +84,11 @@ int write_whole(const char *command, const char *path, const void *what,
     const int error = errno;
     if (f)
         fclose(f);
-    if (whole)
-        return STATUS_DONE;
-    if (!code)
+    if (!whole && !code)
         say(stderr, "splatguard %s: %s: cannot write: %s\n", command, path,
             strerror(error ? error : EIO));
-    unlink(temporary);
-    return code ? code : STATUS_INPUT;
+    if (!whole)
+        unlink(temporary);
+    free(temporary);
+    return whole ? STATUS_DONE : code ? code : STATUS_INPUT;
 }

@@ -118,6 +118,8 @@ expect 0 audit scene/blender -q --report page.html
 expect 0 spectrum photos/view_0001.png -o spectrum.png
 expect 0 spectrum scene/colmap/images/view_0001.png -o spectrum.png
 expect 2 spectrum photos/view_0001.png -o page.html/no
+long=$(printf '%0250d' 0).html # 255 bytes, the most
+expect 0 compare run --html $long -q; [ -s $long ] || fail "no page of a long name"
 for wait in 0.02 0.03 0.04 0.05 0.06 0.07 0.08 0.09 0.1 0.11 0.12 0.13 0.15 0.17 0.2 0.25; do # interrupted, it leaves its picture whole or not at all
     timeout -s INT $wait "$tool" spectrum scene/colmap/images/view_000[01].png -q -o cut.png --json >/dev/null 2>&1
     [ -z "$(find . -maxdepth 1 -name '*.tmp*')" ] || fail "interrupted after $wait s, spectrum leaves $(find . -name '*.tmp*')"
