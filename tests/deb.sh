@@ -27,6 +27,8 @@ if grep -q view_server.c.o "$source_dir/build-deb/build.ninja"; then
 fi
 ! dpkg-deb -f first/splatguard_*.deb Depends | grep microhttpd || fail "the package depends on the HTTP server"
 
+grep -qF '"-ffile-prefix-map=' "$source_dir/build-deb/build.ninja" || fail "a path with a space would be two words"
+
 # dpkg refuses dependencies that its database lacks: it gets that of this machine.
 root=$work/root
 mkdir -p "$root"/var/lib/dpkg/{info,updates,triggers}
