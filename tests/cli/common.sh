@@ -26,6 +26,9 @@ fi
 # The same in a plan: its key.
 plan_engine=${SG_TEST_ENGINE:+"\"engine\": \"$SG_TEST_ENGINE\", "}
 
+# The tool is built with a sanitizer, which holds memory and addresses of its own.
+sanitized() { grep -aqE '__(asan|tsan|msan)_init' "$program"; }
+
 fail() { echo "FAILED: $*" >&2; [ -f err ] && sed 's/^/  stderr: /' err >&2; exit 1; }
 
 # expect CODE ARGUMENTS...: runs the tool; its output goes to the files out and err.

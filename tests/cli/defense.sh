@@ -128,7 +128,6 @@ expect 0 train scene/blender -o fewer $short --init-points 400 --max-gaussians 1
 
 # Memory: of the whole process, which has the driver's and the device's too where the device is the CPU. There it is the
 # memory of the device that is binding.
-sanitized() { grep -aqE '__(asan|tsan)_init' "$program"; } # holds memory of its own
 most=62914560
 budget=max-memory peak=peak_rss_bytes poisoning="--proxy-iterations 100 --iterations 24 --inner 4"
 sanitized && most=69206016

@@ -48,7 +48,7 @@ until(lambda: state()["paused"], "it does not pause")
 scene = json.loads(get("scene"))
 assert scene["training"] and scene["model"] and len(scene["views"]) > 4
 paused = state()
-assert 1 <= paused["iteration"] < 600 and paused["gaussians"] > 0 and paused["loss"] > 0 and paused["memory"] > 1 << 20, paused
+assert 1 <= paused["iteration"] < paused["iterations"] and paused["gaussians"] > 0 and paused["loss"] > 0 and paused["memory"] > 1 << 20, paused
 first = picture(0, 0)
 assert bool(scene["scores"]) == bool(scene["next"]) == (not anchors), scene
 for kind in () if anchors else (5, 6, 7):
