@@ -135,6 +135,8 @@ static int run_audit(const void *config, const bool *given, const char *const *p
             positional[0]);
         code = STATUS_INPUT;
     }
+    if (!code && alone)
+        code = photo_folder_check(positional[0], &c.scene);
     if (!code)
         /* What decodes photos without a scene has a limit of its own: no more than one at a time.
          */

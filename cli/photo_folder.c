@@ -69,17 +69,79 @@ static int compare_names(const void *a, const void *b)
     return strcmp(((const struct photo *) a)->name, ((const struct photo *) b)->name);
 }
 
+static bool leads_out(const char *folder, const char *path)
+{
+    char *above = realpath(folder, NULL), *place = realpath(path, NULL);
+    const size_t n = above ? strlen(above) : 0;
+    const bool inside =
+        above && place && !strncmp(place, above, n) && (place[n] == '/' || above[n - 1] == '/');
+    free(above);
+    free(place);
+    return !inside;
+}
+
+enum entry { ENTRY_PHOTO, ENTRY_OTHER, ENTRY_UNSEEN };
+
+/* What an entry of a folder is. *what: of one that may hide photos, but is not looked at. */
+static enum entry look_at(const char *folder, const char *name, bool follow_links,
+                          const char **what)
+{
+    char path[PATH_MAX];
+    struct stat st, own;
+    const bool known = snprintf(path, sizeof(path), "%s/%s", folder, name) < (int) sizeof(path) &&
+                       !lstat(path, &own) && !stat(path, &st);
+    *what = NULL;
+    if (known && S_ISDIR(st.st_mode))
+        *what = *name == '.' ? NULL : "a folder";
+    else if (!is_photo_name(name))
+        return ENTRY_OTHER;
+    else if (!known)
+        *what = "no file";
+    else if (!S_ISREG(st.st_mode))
+        *what = "a device or pipe";
+    else if (!follow_links && S_ISLNK(own.st_mode) && leads_out(folder, path))
+        *what = "a link out of the folder";
+    else
+        return ENTRY_PHOTO;
+    return *what ? ENTRY_UNSEEN : ENTRY_OTHER;
+}
+
+int photo_folder_check(const char *path, const struct sg_scene_params *params)
+{
+    DIR *d = opendir(path);
+    size_t unseen = 0;
+    char first[NAME_MAX + 1];
+    const char *what, *first_what = NULL;
+    for (struct dirent *e; d && (e = readdir(d));) {
+        if (look_at(path, e->d_name, params->follow_links, &what) != ENTRY_UNSEEN)
+            continue;
+        if (!unseen++ || strcmp(e->d_name, first) < 0) {
+            snprintf(first, sizeof(first), "%s", e->d_name);
+            first_what = what;
+        }
+    }
+    if (d)
+        closedir(d);
+    if (!unseen)
+        return STATUS_DONE;
+    if (params->strict) {
+        say(stderr, "splatguard audit: %s/%s: found %s, expected photos alone\n", path, first,
+            first_what);
+        return STATUS_INPUT;
+    }
+    say(stderr, "warning: %s: %zu of its entries %s not looked at; the first is %s, %s\n", path,
+        unseen, unseen == 1 ? "is" : "are", first, first_what);
+    return STATUS_DONE;
+}
+
 /* Its photos by name. Returns whether there was memory for them. */
 static bool list(struct photo_folder *f, bool follow_links)
 {
     DIR *d = opendir(f->path);
     bool good = true;
+    const char *what;
     for (struct dirent *e; d && good && (e = readdir(d));) {
-        char path[PATH_MAX];
-        struct stat st;
-        if (!is_photo_name(e->d_name) ||
-            snprintf(path, sizeof(path), "%s/%s", f->path, e->d_name) >= (int) sizeof(path) ||
-            (follow_links ? stat : lstat)(path, &st) || !S_ISREG(st.st_mode))
+        if (look_at(f->path, e->d_name, follow_links, &what) != ENTRY_PHOTO)
             continue;
         struct photo *more = realloc(f->photos, (f->n + 1) * sizeof(*more));
         good = more != NULL;

@@ -11,6 +11,10 @@ bool is_photo_folder(const char *path);
 /* Whether a path is that of a file with the name of a photo. */
 bool is_photo(const char *path);
 
+/* Warns of what may hide photos and is not looked at: sub-folders, links that lead out, unless they
+ * are followed, and what is no file. With params->strict it is refused. Returns an exit code. */
+int photo_folder_check(const char *path, const struct sg_scene_params *params);
+
 struct photo_folder;
 
 /* Its photos by name as training views, at their own size; their cameras say nothing. Photos are

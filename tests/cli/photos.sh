@@ -10,6 +10,10 @@ mkfifo 'my photos/pipe.jpg'
 echo notes >'my photos/notes.txt'
 expect 0 audit 'my photos' --json -q && scores >of_photos
 cmp of_scene of_photos || fail "scores of photos alone differ from those of their scene"
+says 'warning: my photos: 2 of its entries are not looked at; the first is link.png, a link out of the folder'
+expect 2 audit 'my photos' --strict; says 'my photos/link.png: found a link out of the folder, expected photos alone'
+expect 0 audit 'my photos' --follow-links --json -q; says 'my photos: 1 of its entries is not looked at; the first is pipe.jpg'
+[ "$(scores | wc -l)" -gt "$(wc -l <of_scene)" ] || fail "a link was not followed"
 tr -d ' \n' <out | grep -q '"name":"[^"]*\.png"' || fail "photos have other names than their files: $(cat out)"
 expect 0 audit 'my photos' --report page.html -q --max-memory 64M
 grep -q '<img' page.html || fail "a page without photos"
@@ -21,7 +25,14 @@ expect 0 audit one; says 'one: 1 photo without'; grep -q 'training cameras' err 
 expect 2 audit one/a.png; says 'one/a.png: found a photo, expected a scene or a folder of photos'
 expect 1 audit 'my photos' --downscale 2; says '--downscale: found without effect on my photos'
 
+# Photos may hide in sub-folders. A link that stays inside is one more photo.
+mkdir one/sub one/.hidden && ln -s a.png one/b.png
+expect 0 audit one; says 'warning: one: 1 of its entries is not looked at; the first is sub, a folder'; says 'one: 2 photos without'
+expect 2 audit one --strict; says 'one/sub: found a folder'; [ ! -s out ] || fail "a verdict of a part"
+rmdir one/sub; expect 0 audit one --strict
+
 # What is no photo is left out, as it is in scenes.
+rm 'my photos/link.png' 'my photos/pipe.jpg'
 : >'my photos/zz.JPG'
 cp one/a.png "$(printf 'my photos/x\ny.png')"
 expect 0 audit 'my photos' --json && scores >of_photos
