@@ -211,13 +211,21 @@ int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
             *p = kept;
             p = copy + 1;
             continue;
-        } else if (errno != EEXIST || !sg_dir_exists(copy))
+        } else if (errno != EEXIST)
             code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot create the folder: %s", copy,
                            strerror(errno));
-        if (!kept)
+        else if (!sg_dir_exists(copy))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a file, expected a folder", copy);
+        if (!kept || code)
             break;
         *p++ = kept;
     }
+    if (code && *made) /* those above it go again */
+        for (char *slash; (slash = strrchr(copy, '/')) && (size_t) (slash - copy) >= *made;) {
+            *slash = 0;
+            rmdir(copy);
+        }
+    *made = code ? 0 : *made;
     sg_free(copy);
     return code;
 }

@@ -41,7 +41,7 @@ void sg_put_real(FILE *to, double value);
 bool sg_file_exists(const char *path);
 bool sg_dir_exists(const char *path);
 /* mkdir -p, also while other processes remove empty folders. made: length of the path of the first
- * folder that was made, or 0. */
+ * folder that was made, or 0. After an error none is left of those. */
 int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made);
 int sg_dir_create(sg_ctx *ctx, const char *path);
 

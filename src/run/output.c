@@ -29,8 +29,8 @@ struct sg_output {
 #define TRIES 100   /* while others make and remove the same folder */
 #define PATIENCE 50 /* waits of 10 ms for an owner to write its name */
 
-/* The path without links and dots, or that of the nearest folder above that exists. NULL without
- * memory. */
+/* The path without links and dots, or that of the nearest folder above that exists. NULL: see
+ * errno. */
 static char *existing_place(const char *path)
 {
     char *copy = strdup(path), *found = copy ? realpath(copy, NULL) : NULL;
@@ -86,7 +86,11 @@ static bool leads_back(const char *path)
 static int refuse_scene_around(sg_ctx *ctx, const char *path, const struct sg_output_rules *rules)
 {
     char *place = existing_place(path);
-    int code = place ? SG_OK : sg_no_memory(ctx);
+    int code = place ? SG_OK
+               : errno == ENOMEM
+                   ? sg_no_memory(ctx)
+                   : sg_fail(ctx, SG_ERR_INPUT, "%s: cannot find the folder it is in: %s", path,
+                             strerror(errno));
     if (!code && leads_back(path))
         code = sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found \"..\" after a folder that does not exist, expected the place "
