@@ -60,6 +60,10 @@ int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sc
                     struct sg_shots *shots, struct sg_points *points)
 {
     int code = read_split(ctx, dir, "transforms_train.json", params, false, shots);
+    if (!code && params->eval && !sg_has_file(dir, "transforms_test.json"))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no transforms_test.json, expected one with the test views",
+                       dir->path);
     if (!code && params->eval)
         code = read_split(ctx, dir, "transforms_test.json", params, true, shots);
     if (!code)

@@ -198,6 +198,30 @@ static void warn_unused(sg_ctx *ctx, const char *path, const char *option, const
                path, option, folder);
 }
 
+/* Folders are named below the scene's. */
+static int check_folders(sg_ctx *ctx, const struct sg_folder *dir,
+                         const struct sg_scene_params *params)
+{
+    const char *const names[][2] = {
+        {"images", params->images}, {"colmap", params->colmap}, {"masks", params->masks}};
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++)
+        if (names[i][1] && *names[i][1] == '/')
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: %s: found \"%s\", expected the name of a folder below the scene's",
+                           dir->path, names[i][0], names[i][1]);
+    return SG_OK;
+}
+
+static int check_images(sg_ctx *ctx, const struct sg_folder *dir, const char *images)
+{
+    char *folder = images ? sg_strf(ctx, "%s/%s", dir->path, images) : NULL;
+    int code = images && !folder ? SG_ERR_BUDGET : SG_OK;
+    if (folder && !sg_folder_has_folder(dir, folder))
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no such folder, expected photos", folder);
+    sg_free(folder);
+    return code;
+}
+
 /* The shots and points of the folder. */
 static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                       sg_scene_builder *builder, struct sg_scene_files *files)
@@ -206,6 +230,8 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
     enum sg_scene_format format = params->format;
     struct sg_shots *shots = &files->shots;
     int code = sg_folder_open(ctx, path, params->follow_links, &files->dir);
+    if (!code)
+        code = check_folders(ctx, &files->dir, params);
     if (format == SG_FORMAT_AUTO && params->colmap)
         format = SG_FORMAT_COLMAP;
     if (!code && format == SG_FORMAT_AUTO)
@@ -217,7 +243,8 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
     if (format != SG_FORMAT_COLMAP) {
         warn_unused(ctx, path, "images", params->images);
         warn_unused(ctx, path, "colmap", params->colmap);
-    }
+    } else if ((code = check_images(ctx, &files->dir, params->images)))
+        return code;
     code = formats[format].read(ctx, &files->dir, params, shots, &points);
     sg_scene_builder_put_points(builder, &points); /* also after a failure: it frees them */
     if (!code && !shots->count)
