@@ -386,8 +386,10 @@ static void test_unused(void **state)
     p = plain, p.train.tolerance = 3;
     assert_null(unused(&p, "tolerance-tv"));
     assert_unused(&p, "rho", "without a defense");
+    assert_unused(&p, "tolerance-smooth", "--tolerance auto");
     p = plain, p.train.tolerance = SG_TOLERANCE_AUTO;
     assert_null(unused(&p, "tolerance-tv"));
+    assert_null(unused(&p, "tolerance-smooth"));
     p = plain, p.train.tolerances = tolerances;
     assert_null(unused(&p, "tolerance-tv"));
 
@@ -406,6 +408,12 @@ static void test_unused(void **state)
     assert_null(unused(&p, "mip-kernel"));
     p = plain, p.train.model = SG_MODEL_SCAFFOLD;
     assert_null(unused(&p, "voxel-size"));
+    assert_unused(&p, "appearance-numbers", "--photo-appearance");
+    assert_unused(&p, "appearance-lr-init", "--photo-appearance");
+    assert_unused(&p, "feature-bank-lr-final", "--feature-bank");
+    p.train.scaffold.appearance = p.train.scaffold.bank = true;
+    assert_null(unused(&p, "appearance-numbers"));
+    assert_null(unused(&p, "feature-bank-lr-final"));
     assert_null(unused(&p, "position-lr-max-steps"));
     assert_null(unused(&p, "densify-grad-threshold"));
     const char *const of_gaussians[] = {"sh-degree",     "position-lr-init", "position-lr-final",

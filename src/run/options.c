@@ -126,6 +126,12 @@ const char *sg_run_option_unused(const struct sg_run_params *p, const struct sg_
     if (!scaffold &&
         (is_in_group(o, "Anchors of --model scaffold") || sg_word_index(of_anchors, o->name) >= 0))
         return "found without effect, expected --model scaffold with it";
+    if (!p->train.scaffold.appearance && !strncmp(o->name, "appearance-", 11))
+        return "found without effect, expected --photo-appearance with it";
+    if (!p->train.scaffold.bank && !strncmp(o->name, "feature-bank-", 13))
+        return "found without effect, expected --feature-bank with it";
+    if (p->train.tolerance > 0 && !strcmp(o->name, "tolerance-smooth"))
+        return "found without effect, expected --tolerance auto with it";
     if (!mcmc && is_in_group(o, "Densification by --strategy mcmc"))
         return "found without effect, expected --strategy mcmc with it";
     if (mcmc && (sg_word_index(not_mcmc, o->name) >= 0 || !strncmp(o->name, "filter-", 7)))
