@@ -226,6 +226,8 @@ static int attack(sg_ctx *ctx, struct attack_config *c)
     if (p.status.finished)
         say(stderr, "%s: the attack is finished; --force replaces it\n", c->run.folder);
     report_option(ctx, &command_attack, error);
+    if (error && start == SG_RUN_NEW && strstr(sg_last_error(ctx), "found an earlier attack"))
+        say(stderr, "--resume continues it if it was interrupted, --force replaces it\n");
     if (error && c->unnamed)
         say_moved(c->run.source);
     if (error && p.status.resumable)

@@ -133,13 +133,19 @@ static int claim_work(const char *work, int *lock)
     }
     snprintf(path, sizeof(path), "%s/.bench", work);
     *lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
-    if (*lock < 0 || flock(*lock, LOCK_EX | LOCK_NB)) {
-        say(stderr, "splatguard bench: %s: %s\n", work,
-            *lock >= 0 && errno == EWOULDBLOCK ? "another bench works in this folder"
-                                               : strerror(errno));
-        return STATUS_INPUT;
+    if (*lock >= 0 && !flock(*lock, LOCK_EX | LOCK_NB)) {
+        if (!ftruncate(*lock, 0)) /* on a full disk it has no text, but is a lock */
+            dprintf(*lock, "%ld", (long) getpid());
+        return STATUS_DONE;
     }
-    return STATUS_DONE;
+    char owner[16] = "";
+    if (*lock >= 0 && errno == EWOULDBLOCK && read(*lock, owner, sizeof(owner) - 1) >= 0) {
+        owner[strspn(owner, "0123456789")] = 0;
+        say(stderr, "splatguard bench: %s: in use by another bench%s%s\n", work,
+            *owner ? ", process " : "", owner);
+    } else
+        say(stderr, "splatguard bench: %s: %s\n", work, strerror(errno));
+    return STATUS_INPUT;
 }
 
 static int run_plan(const struct bench_config *c, struct plan *p)

@@ -45,16 +45,22 @@ static int load(sg_ctx *ctx, const char *path, const struct spectrum_config *c,
                 struct sg_spectrum_image *out)
 {
     out->title = strlen(path) > TITLE_MAX ? path + strlen(path) - TITLE_MAX : path;
-    int error = sg_picture_read(ctx, path, UINT64_C(1) << 28, &out->picture);
+    const int error = sg_picture_read(ctx, path, UINT64_C(1) << 28, &out->picture);
     if (error)
-        return error;
+        return report(ctx, error);
+    if (out->picture.width > SG_SIDE_MAX || out->picture.height > SG_SIDE_MAX) {
+        say(stderr, "splatguard spectrum: %s: found %d x %d pixels, expected sides of at most %d\n",
+            path, out->picture.width, out->picture.height, SG_SIDE_MAX);
+        return STATUS_INPUT;
+    }
     out->amplitude =
         sg_mem_alloc(ctx, SG_MEM_IMAGES, (size_t) out->picture.width * (size_t) out->picture.height,
                      sizeof(float)); /* freed by the caller */
-    if (!out->amplitude)
-        return SG_ERR_BUDGET;
-    return sg_spectrum_measure(ctx, out->picture.rgb, out->picture.width, out->picture.height,
-                               &c->p, &out->spectrum, out->amplitude);
+    return report(ctx, !out->amplitude
+                           ? SG_ERR_BUDGET
+                           : sg_spectrum_measure(ctx, out->picture.rgb, out->picture.width,
+                                                 out->picture.height, &c->p, &out->spectrum,
+                                                 out->amplitude));
 }
 
 static int print_json(const struct sg_spectrum_image *images, int n, const char *const *paths)
@@ -178,11 +184,9 @@ static int run_spectrum(const void *config, const bool *given, const char *const
         say(stderr, "splatguard spectrum: -o %s: expected a name that ends in .png\n", c->output);
         code = STATUS_USAGE;
     }
-    for (int k = 0; k < count && !code; k++) {
-        const int error =
-            interrupted() ? SG_ERR_INTERRUPTED : load(ctx, positional[k], c, &images[k]);
-        code = error ? report(ctx, error) : 0;
-    }
+    for (int k = 0; k < count && !code; k++)
+        code = interrupted() ? report(ctx, SG_ERR_INTERRUPTED)
+                             : load(ctx, positional[k], c, &images[k]);
     struct sg_spectrum_crop crop = {0};
     if (!code)
         code = parse_crop(c->crop, images, count, &crop);

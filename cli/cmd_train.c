@@ -92,6 +92,13 @@ static int check_options(const struct train_config *c, const bool *given)
     return STATUS_DONE;
 }
 
+static bool has_checkpoint(const char *folder)
+{
+    char path[PATH_MAX];
+    snprintf(path, sizeof(path), "%s/checkpoint.bin", folder);
+    return !access(path, F_OK);
+}
+
 /* RUN's own options. The command line may say where the scene is now, ask for more iterations, and
  * change what does not touch the result; anything else that differs is refused. */
 static int adopt_run(struct train_config *c, const bool *given, const char *argument)
@@ -99,6 +106,12 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     struct train_config now = *c;
     const struct command *t = &command_train;
     struct sg_run_params *run = &c->run, *p = &now.run;
+    if (p->folder && argument && has_checkpoint(argument)) {
+        say(stderr,
+            "splatguard train: --resume: found the run %s and -o %s, expected one of them\n",
+            argument, p->folder);
+        return STATUS_USAGE;
+    }
     if (p->folder && argument && take_scene(t, argument, &p->source))
         return STATUS_USAGE;
     p->folder = p->folder ? p->folder : argument;
@@ -185,13 +198,6 @@ static void say_end(const struct train_config *c, const struct sg_run_status *s,
 }
 
 /* A run that found no room for its first checkpoint has none. */
-static bool has_checkpoint(const char *folder)
-{
-    char path[PATH_MAX];
-    snprintf(path, sizeof(path), "%s/checkpoint.bin", folder);
-    return !access(path, F_OK);
-}
-
 static int train(sg_ctx *ctx, struct train_config *c, struct train_view *view)
 {
     sg_run *run;

@@ -432,6 +432,11 @@ int sg_anchors_read(sg_ctx *ctx, const char *path, uint64_t max_anchors, struct 
         code = read_anchors(ctx, &in, max_anchors, out);
     if (beside)
         sg_source_close(&in);
+    if (!code && !sg_file_exists(beside))
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found anchors of Scaffold-GS alone, expected their networks beside "
+                       "them, in %s",
+                       path, beside);
     if (!code)
         code = sg_file_read(ctx, beside, FILE_MAX, &bytes, &size);
     if (!code)

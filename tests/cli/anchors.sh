@@ -52,7 +52,7 @@ expect 1 train scene/blender -o none --strategy mcmc --cap-max 90 --audit defend
 expect 1 train scene/blender -o none --model scaffold --filter-unit gaussian --audit defend; says '--rho: found'
 [ ! -e none ] || fail "a refused run left something"
 mv anchors/point_cloud/iteration_$end/networks.safetensors .
-expect 2 eval anchors; says networks.safetensors
+expect 2 eval anchors; says "point_cloud.ply: found anchors of Scaffold-GS alone"; says networks.safetensors
 mv networks.safetensors anchors/point_cloud/iteration_$end
 expect 0 train scene/blender -o looks --eval $short --init-points 300 --model scaffold --voxel-size 0.02 \
     --photo-appearance

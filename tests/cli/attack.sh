@@ -200,7 +200,7 @@ expect 2 attack scene/blender -o scene/blender; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x/y/z; says 'in the scene'
 expect 2 attack scene/blender -o scene; says 'around the input'
-expect 2 attack scene/blender -o poisoned; says 'earlier attack'
+expect 2 attack scene/blender -o poisoned; says 'earlier attack'; says '--force replaces it'
 expect 2 attack scene/blender -o victim; says 'other files'
 expect 2 attack nowhere -o x; says nowhere; [ ! -e x ] || fail "a folder was made for no scene"
 mkdir empty; expect 2 attack empty -o poisoned --force; [ -s poisoned/poison.json ] || fail "a failed attack took the earlier one"
@@ -242,6 +242,16 @@ expect 0 spectrum scene/blender/train/r_0.png poisoned/train/r_0.png -o spectrum
 grep -q 'anisotropy' out && [ -s spectrum.png ] || fail "spectrum"
 expect 0 spectrum spectrum.png --json; grep -q '"band_share"' out || fail "spectrum's JSON"
 expect 2 spectrum nowhere.png; says nowhere.png
+python3 - <<'END' >wide.png || cp spectrum.png wide.png
+import struct, sys, zlib
+def chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+sys.stdout.buffer.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 20000, 1, 8, 2, 0, 0, 0)) +
+                        chunk(b"IDAT", zlib.compress(bytes(60001))) + chunk(b"IEND", b""))
+END
+if ! cmp -s wide.png spectrum.png; then
+    expect 2 spectrum wide.png; says 'wide.png: found 20000 x 1 pixels, expected sides of at most 16384'
+fi
 expect 1 spectrum spectrum.png -o ./spectrum.png; says 'one of the images'
 expect 2 spectrum scene/blender/transforms_train.json; says transforms_train.json
 expect 1 spectrum spectrum.png --bins 6; says 'divisible by 4'

@@ -20,7 +20,18 @@ expect 2 eval empty --scene scene/blender; says point_cloud
 
 # A folder that cannot be made, and a disk that is full.
 : >file
-expect 2 train scene/blender -o file/run $short --init-points 300; says file
+expect 2 train scene/blender -o file/run $short --init-points 300; says 'file: found a file, expected a folder'
+expect 2 train scene/blender -o "new/deep/$(printf '%0300d' 0)" $short; says 'cannot create the folder'
+[ ! -e new ] || fail "folders are left on the way to one that cannot be made"
+mkdir gone
+(cd gone && rmdir ../gone && "$tool" train ../scene/blender -o run $short 2>../err; [ $? = 2 ]) || fail "a folder that is gone is no input"
+says 'run: cannot find the folder it is in'
+expect 2 train scene/colmap --images "$PWD/scene/colmap/images" -o r2 $short; says "expected the name of a folder below the scene's"
+expect 2 train scene/colmap --images images_9 -o r2 $short; says 'scene/colmap/images_9: found no such folder'
+expect 2 train scene/blender --masks /tmp -o r2 $short; says 'scene/blender: masks: found "/tmp"'
+mv scene/blender/transforms_test.json .
+expect 2 eval run --scene scene/blender; says 'scene/blender: found no transforms_test.json'
+mv transforms_test.json scene/blender
 expect 2 render run -o file/images; says file
 [ -w /dev/full ] && { "$tool" info $model >/dev/full 2>err; [ $? = 2 ] || fail "a full device is not noticed"; says 'No space left'; }
 # A reader that goes away, as head does, needs no message.

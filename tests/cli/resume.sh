@@ -25,6 +25,7 @@ expect 1 train --resume cut --lambda-dssim 0.5; says '--lambda-dssim: found 0.5,
 expect 1 train --resume cut --white-background; says '--white-background: found on, but the run has off'
 expect 1 train --resume cut --iterations 50; says '--iterations: found 50, expected at least 6000, those of the run'
 expect 1 train --resume cut --force; says 'exclude each other'
+expect 1 train --resume cut -o other; says 'found the run cut and -o other'
 
 # The end comes at once from here: both runs stop some iterations later.
 sed -i "s/\"iterations\": 6000/\"iterations\": $((reached + half))/" cut/config.json
