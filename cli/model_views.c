@@ -123,9 +123,9 @@ int model_views_find(struct model_views *v, const char *model, const struct comm
                                &v->run);
     if (!code)
         code = check_iteration(command, model, o->iteration);
-    if (!code && !o->scene_path && !o->cameras) {
-        code = missing(command, "--scene SCENE");
-    }
+    if (!code && !o->scene_path && !o->cameras)
+        code = missing(command, command == &command_render ? "--scene SCENE or --cameras FILE"
+                                                           : "--scene SCENE");
     return code;
 }
 

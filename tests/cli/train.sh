@@ -29,7 +29,7 @@ grep -q "\"psnr\": $psnr" out || fail "the PLY alone measures differently: $(cat
 expect 0 eval run --iteration $half --json
 grep -q "\"psnr\": $psnr" out && fail "--iteration $half measures the newest model"
 expect 2 eval run --iteration 41; says iteration_41
-expect 1 eval $model; says 'missing --scene'
+expect 1 eval $model; says 'missing --scene'; expect 1 render $model -o x; says '--scene SCENE or --cameras FILE'
 # The command line wins over the run's own options.
 expect 0 eval run -w --json
 grep -q "\"psnr\": $psnr" out && fail "-w made no difference"
