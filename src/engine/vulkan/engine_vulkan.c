@@ -323,6 +323,10 @@ static int read_most(struct sg_engine *base, uint64_t *out)
 
 /* ---- hits ---- */
 
+_Static_assert(VK_HIT_WEIGHT == (int) SG_HIT_WEIGHT &&
+                   VK_HIT_TRANSMITTANCE == (int) SG_HIT_TRANSMITTANCE,
+               "as shaders/args.h says");
+
 /* What the hits of the drawn view are, one float a Gaussian, to the device's sums. */
 static int count_view(struct vulkan_engine *e, enum sg_hit kind)
 {

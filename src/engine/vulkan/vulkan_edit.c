@@ -18,6 +18,8 @@ struct move_job {
     float *children;
 };
 
+_Static_assert(SG_EDIT_KINDS <= 1 << VK_KIND_BITS, "a kind fits below a child's number");
+
 #define PIECE 4096 /* rows */
 
 static size_t piece_end(const struct move_job *j, size_t piece)
@@ -45,7 +47,7 @@ static void make_moves(void *arg, size_t piece, int thread)
         const size_t item = m->order[i], source = m->source[item];
         const enum sg_edit_kind kind = sg_moves_kind(m, item);
         j->words[2 * i] = (uint32_t) (kind == SG_EDIT_INSERT ? source - j->h->count : source);
-        j->words[2 * i + 1] = kind | child << 2;
+        j->words[2 * i + 1] = kind | child << VK_KIND_BITS;
         if (kind != SG_EDIT_CHILD)
             continue;
         const float *from = j->h->at[SG_C_PARAMETERS] + sg_param_index(SG_P_SH, source, 0);

@@ -188,7 +188,9 @@
     P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Uints, chunk_start)               \
     P(Uints, units) P(Uints, reached) P(Floats, checkpoints) P(Floats, image)                      \
     P(Floats, gradient) P(Floats, slots) U(first_tile) U(tiles) U(grid_x) U(width) U(height)
-/* hit: enum sg_hit */
+/* hit: enum sg_hit, of which two are no numbers of pixels. */
+#define VK_HIT_WEIGHT 2
+#define VK_HIT_TRANSMITTANCE 3
 #define ARGS_raster_count(P, U, F)                                                                 \
     P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Floats, slots) U(first_tile)      \
     U(tiles) U(grid_x) U(width) U(height) U(hit)
@@ -327,8 +329,9 @@
     P(Floats, params) P(Floats, view) P(Floats, radii) P(Uints, stop) U(count) U(planes) U(grid_x) \
     U(grid_y)
 /* moves: of every row two words: the source, an index before the edit or a row of the caller's; and
- * the kind (enum sg_edit_kind), with a child's number above it. fates: by kind, what the planes
+ * the kind (enum sg_edit_kind), with a child's number above its bits. fates: by kind, what the planes
  * from `first` to `end` - 1 take. children: the planes up to the rotation. */
+#define VK_KIND_BITS 2
 #define VK_FATE_ZERO 0
 #define VK_FATE_COPY 1
 #define VK_FATE_ROW 2

@@ -13,7 +13,8 @@ void main()
     if (i >= a.count)
         return;
     const uint source = a.moves.v[2 * i], word = a.moves.v[2 * i + 1];
-    const uint fate = a.fates >> VK_FATE_BITS * (word & 3) & VK_FATE_MASK;
+    const uint kind = word & (1u << VK_KIND_BITS) - 1u;
+    const uint fate = a.fates >> VK_FATE_BITS * kind & VK_FATE_MASK;
     for (uint plane = a.first; plane < a.end; plane++) {
         float v = 0.0;
         if (fate == VK_FATE_COPY)
@@ -21,7 +22,7 @@ void main()
         else if (fate == VK_FATE_ROW)
             v = a.rows.v[param_at(a.planes, source, plane)];
         else if (fate == VK_FATE_CHILD)
-            v = a.children.v[param_at(P_SH, word >> 2, plane)];
+            v = a.children.v[param_at(P_SH, word >> VK_KIND_BITS, plane)];
         a.to.v[param_at(a.planes, i, plane)] = v;
     }
 }

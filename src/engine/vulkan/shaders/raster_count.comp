@@ -7,10 +7,6 @@
 #include "rounds.glsl"
 ARGUMENTS(raster_count);
 
-/* enum sg_hit */
-#define HIT_WEIGHT 2
-#define HIT_TRANSMITTANCE 3
-
 shared float rows[VK_BLOCKS][ROWS][ROW];
 shared float sums[VK_BLOCKS][VK_BATCH];
 shared uint open_pixels;
@@ -53,9 +49,9 @@ void main()
                         const float before = chain[p];
                         chain[p] = chain_next(before, o.alpha);
                         if (chain_open(chain[p]) && o.alpha > 0.0)
-                            hit = a.hit == HIT_WEIGHT          ? o.alpha * before
-                                  : a.hit == HIT_TRANSMITTANCE ? before
-                                                               : 1.0;
+                            hit = a.hit == VK_HIT_WEIGHT          ? o.alpha * before
+                                  : a.hit == VK_HIT_TRANSMITTANCE ? before
+                                                                  : 1.0;
                     }
                     todo &= todo - 1;
                     rows[block][row][t % LANES + p * LANES] = hit;
