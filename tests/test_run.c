@@ -364,7 +364,7 @@ static void test_folders(void **state)
     assert_int_equal(train(ctx, &p, SG_RUN_REPLACE, &s), SG_OK);
     p.folder = scene;
     assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INPUT);
-    assert_non_null(strstr(sg_last_error(ctx), "in the scene"));
+    assert_non_null(strstr(sg_last_error(ctx), "found a scene"));
     p.folder = at("void");
     assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_ERR_INPUT);
     p.source = at("nowhere");

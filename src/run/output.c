@@ -96,6 +96,7 @@ static int refuse_scene_around(sg_ctx *ctx, const char *path, const struct sg_ou
                        "%s: found \"..\" after a folder that does not exist, expected the place "
                        "itself",
                        path);
+    bool itself = !access(path, F_OK);
     for (char *end = place ? place + strlen(place) : NULL; end && !code;
          end = strrchr(place, '/')) {
         if (end != place)
@@ -103,12 +104,14 @@ static int refuse_scene_around(sg_ctx *ctx, const char *path, const struct sg_ou
         else
             end[1] = 0; /* the root */
         /* In this order: another process that makes the scene says first whose it is. */
-        if (sg_scene_recognised(ctx, place) && !is_own_scene(ctx, place, path, rules)) {
-            code = sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: found the output in the scene %s, expected a place apart from "
-                           "every scene",
-                           path, place);
-        }
+        if (sg_scene_recognised(ctx, place) && !is_own_scene(ctx, place, path, rules))
+            code = itself ? sg_fail(ctx, SG_ERR_INPUT, "%s: found a scene, expected a new folder",
+                                    path)
+                          : sg_fail(ctx, SG_ERR_INPUT,
+                                    "%s: found the output in the scene %s, expected a place apart "
+                                    "from every scene",
+                                    path, place);
+        itself = false;
         if (end == place)
             break;
     }

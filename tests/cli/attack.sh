@@ -196,7 +196,7 @@ expect 2 attack nowhere -o x --model scaffold --opacity-lr 0.1; says 'warning: -
 expect 0 attack scene/colmap -o unused --method tv-per-view -q --inner 1 --force
 [ ! -s err ] || fail "--inner has an effect with tv-per-view"
 expect 1 attack scene/blender -o x --epsilon inf --texture 8; says '--texture: found 8 and an epsilon of inf, expected a finite'
-expect 2 attack scene/blender -o scene/blender; says 'in the scene'
+expect 2 attack scene/blender -o scene/blender; says 'scene/blender: found a scene, expected a new folder'
 expect 2 attack scene/blender -o scene/blender/x; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x/y/z; says 'in the scene'
 expect 2 attack scene/blender -o scene; says 'around the input'

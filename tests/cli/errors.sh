@@ -41,7 +41,7 @@ expect 2 render run -o file/images; says file
 # Photos are never overwritten, nor other people's folders used.
 sum=$(cat scene/blender/*/*.png | cksum)
 expect 2 render run --split train -o scene/blender/train; says 'in the scene'
-expect 2 train scene/blender -o scene/colmap $short; says 'in the scene'
+expect 2 train scene/blender -o scene/colmap $short; says 'scene/colmap: found a scene'
 [ "$sum" = "$(cat scene/blender/*/*.png | cksum)" ] || fail "the photos changed"
 
 # Pictures that would have one name.

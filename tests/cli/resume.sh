@@ -161,7 +161,7 @@ sleep 1.2
 kill -TERM $pid
 wait $pid
 [ $? = 143 ] || fail "interrupted again after a second: another exit code"
-expect 2 train scene/colmap -o scene/colmap --force -q; says 'in the scene'
+expect 2 train scene/colmap -o scene/colmap --force -q; says 'found a scene'
 [ "$small" = "$(ls scene/colmap)" ] || fail "the scene changed"
 
 # Standard streams that the caller closed, and files that may not grow.

@@ -27,7 +27,7 @@ expect 1 smooth scene/blender; says 'missing -o SMOOTHED'
 expect 1 smooth scene/blender --smooth off -o off; says '--smooth'
 expect 2 smooth nothing -o x; says 'nothing'
 expect 2 smooth scene/blender -o scene/blender/inside; says 'scene'
-expect 2 smooth scene/blender -o gaussian -q; says 'gaussian'
+expect 2 smooth scene/blender -o gaussian -q; says 'gaussian: found a scene, expected a new folder'
 expect 1 smooth scene/blender --smooth median -o x; says '--smooth'
 [ ! -e x ] && [ ! -e off ] || fail "a failed smooth left something"
 
