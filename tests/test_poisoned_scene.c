@@ -160,6 +160,29 @@ static void test_namesakes(void **state)
         assert_true(twice || strstr(sg_last_error(f->ctx), "differ only in their endings"));
         sg_scene_destroy(&scene);
     }
+    static const char in_pixels[] =
+        "{\"fl_x\":21,\"frames\":[{\"file_path\":\"train/a.png\","
+        "\"transform_matrix\":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]}";
+    put_text(f, "transforms_train.json", in_pixels);
+    put_text(f, "transforms_test.json", in_pixels);
+    for (int scale = 1; scale <= 2; scale++) { /* transforms.json has a photo once */
+        struct sg_scene *scene;
+        assert_int_equal(sg_scene_load(f->ctx, f->dir,
+                                       sg_scene_params(.eval = true, .downscale = scale), &scene),
+                         SG_OK);
+        assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &files, folder),
+                         scale == 1 ? SG_OK : SG_ERR_INPUT);
+        assert_true(scale == 1 || strstr(sg_last_error(f->ctx), "a photo of both splits"));
+        sg_scene_destroy(&scene);
+    }
+    /* Where the test views cannot be used, the rest is read, and it says so. */
+    struct sg_scene *scene;
+    put_text(f, "transforms_test.json", "{}");
+    f->warnings = 0;
+    assert_int_equal(sg_poisoned_scene_load(f->ctx, f->dir, NULL, &scene), SG_OK);
+    assert_int_equal(scene->n_test, 0);
+    assert_true(f->warnings > 0 && strstr(f->said, "without its test views"));
+    sg_scene_destroy(&scene);
 }
 
 static void put_colmap(struct fixture *f, const char *camera)

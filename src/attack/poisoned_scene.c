@@ -194,13 +194,22 @@ int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
     }
     if (!code)
         qsort(names, n, sizeof(*names), by_name);
-    /* Both splits may have a photo, which is one file then. */
-    for (size_t i = 1; i < n && !code; i++)
-        if (!by_name(&names[i - 1], &names[i]) && !is_same_photo(names[i - 1].view, names[i].view))
+    /* Both splits may have a photo, which is one file then; but transforms.json has it once. */
+    for (size_t i = 1; i < n && !code; i++) {
+        if (by_name(&names[i - 1], &names[i]))
+            continue;
+        const bool same = is_same_photo(names[i - 1].view, names[i].view);
+        if (same && transforms)
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found a photo of both splits, expected one of either in a copy "
+                           "whose cameras are written anew",
+                           names[i].view->path);
+        else if (!same)
             code = sg_fail(ctx, SG_ERR_INPUT,
                            "%s and %s: found two photos whose names differ only in their endings, "
                            "which would be one in the copy of the scene",
                            names[i - 1].view->path, names[i].view->path);
+    }
     for (size_t i = 0; names && i < n; i++)
         sg_free(names[i].file);
     sg_free(names);
@@ -408,8 +417,12 @@ int sg_poisoned_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_
     p.eval = eval || blender;
     code = sg_scene_load(ctx, path, &p, out);
     if (code == SG_ERR_INPUT && blender) { /* it is no fault if the test photos are missing */
+        char why[512];
+        snprintf(why, sizeof(why), "%s", sg_last_error(ctx));
         p.eval = false;
         code = sg_scene_load(ctx, path, &p, out);
+        if (!code)
+            sg_log(ctx, SG_LOG_WARN, "%s; the scene is read without its test views", why);
     }
     if (!code && p.eval && !eval && (*out)->format != SG_FORMAT_BLENDER) {
         p.eval = false; /* the folder has another layout too, which is read instead */
