@@ -161,13 +161,13 @@ static void test_splat_bytes(void **state)
 static void test_splat_marks(void **state)
 {
     struct fixture *f = *state;
-    static const char *const marks[] = {"\x1f\x8b\x00\x3f", "ply\x3f"};
-    for (int k = 0; k < 2; k++) {
+    static const char *const marks[] = {"\x1f\x8b\x00\x3f", "ply\x3f", "glTF"};
+    for (int k = 0; k < 3; k++) {
         struct sg_model *m = make(f->ctx, 3, 0), *back;
         for (size_t i = 0; i < 3; i++)
             memcpy(sg_model_at(m, i, SG_P_XYZ), marks[k], 4);
         assert_int_equal(sg_model_write(f->ctx, m, at(f, "s.splat"), NULL), SG_OK);
-        if (sg_model_read(f->ctx, f->path, 3, &back))
+        if (sg_model_read_drawable(f->ctx, f->path, 3, &back))
             fail_msg("%s", sg_last_error(f->ctx));
         assert_memory_equal(sg_model_at(back, 0, SG_P_XYZ), marks[k], 4);
         sg_model_destroy(&m);

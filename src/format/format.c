@@ -80,7 +80,7 @@ static int read_from(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
         return sg_spz_read(ctx, in, max_gaussians, out);
     if (starts_with(in, "PK\3\4", 4))
         return sg_sog_read(ctx, in, max_gaussians, out);
-    if (starts_with(in, "glTF", 4))
+    if (starts_with(in, "glTF\2\0\0", 8))
         return sg_fail(
             ctx, SG_ERR_INPUT,
             "%s: found glTF, expected .ply, .compressed.ply, .splat, .spz, .ksplat or .sog",
@@ -139,7 +139,7 @@ static int check_file(sg_ctx *ctx, const char *path, const struct sg_model_file 
 static int check_packed(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path)
 {
     const off_t size = ftello(f);
-    return size < 0 || m->count / SG_GAUSSIANS_A_BYTE <= (uint64_t) size
+    return size < 0 || ferror(f) || m->count / SG_GAUSSIANS_A_BYTE <= (uint64_t) size
                ? SG_OK
                : sg_fail(ctx, SG_ERR_INPUT,
                          "%s: found %zu Gaussians so much alike that %lld bytes hold them, "

@@ -461,7 +461,8 @@ int sg_anchors_recognise(sg_ctx *ctx, const char *path, bool *found)
     const char *mark;
     *found = false;
     int code = sg_source_open(ctx, &in, path, PLY_MAX_BYTES);
-    if (!code && (mark = sg_source_peek(&in, 3)) && !memcmp(mark, "ply", 3) &&
+    if (!code && (mark = sg_source_peek(&in, 4)) &&
+        (!memcmp(mark, "ply\n", 4) || !memcmp(mark, "ply\r", 4)) && /* not the float of a .splat */
         !(code = sg_ply_parse_header(ctx, &p)))
         for (int i = 0; i < p.total; i++)
             *found |= !strcmp(p.all[i].name, "f_anchor_feat_0");
