@@ -92,6 +92,7 @@ static int check_options(const struct train_config *c, const bool *given)
     return STATUS_DONE;
 }
 
+/* A run that found no room for its first checkpoint has none. */
 static bool has_checkpoint(const char *folder)
 {
     char path[PATH_MAX];
@@ -197,7 +198,6 @@ static void say_end(const struct train_config *c, const struct sg_run_status *s,
             (unsigned long long) s->limits.steps, s->iteration);
 }
 
-/* A run that found no room for its first checkpoint has none. */
 static int train(sg_ctx *ctx, struct train_config *c, struct train_view *view)
 {
     sg_run *run;

@@ -268,11 +268,13 @@ static void test_default(void **state)
     assert_true(held > 0 && held < limit && limit < UINT64_MAX / 2);
     struct gpu *g = vulkan_of(one)->gpu; /* what it holds is not free for the second */
     struct gpu_buffer b = {0};
-    assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, (limit - held) / 2), SG_OK);
+    const uint64_t room = (limit - held) / 2, largest = sg_ctx_vram(ctx)->largest;
+    assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, largest && largest < room ? largest : room),
+                     SG_OK);
     const uint64_t before = sg_vram_current(ctx, SG_MEM_TAGS);
     assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, &two), SG_OK);
     assert_int_equal(sg_vram_current(ctx, SG_MEM_TAGS), before + held);
-    assert_true(sg_ctx_vram(ctx)->limit <= g->chosen.info.memory);
+    assert_true(g->chosen.memory_budget || sg_ctx_vram(ctx)->limit <= g->chosen.info.memory);
     sg_gpu_release(g, &b);
     sg_engine_destroy(&one);
     sg_engine_destroy(&two);

@@ -215,7 +215,7 @@ int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
             code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot create the folder: %s", copy,
                            strerror(errno));
         else if (!sg_dir_exists(copy))
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a file, expected a folder", copy);
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found something else, expected a folder", copy);
         if (!kept || code)
             break;
         *p++ = kept;

@@ -130,7 +130,7 @@ const char *sg_run_option_unused(const struct sg_run_params *p, const struct sg_
         return "found without effect, expected --photo-appearance with it";
     if (!p->train.scaffold.bank && !strncmp(o->name, "feature-bank-", 13))
         return "found without effect, expected --feature-bank with it";
-    if (p->train.tolerance > 0 && !strcmp(o->name, "tolerance-smooth"))
+    if (p->train.tolerance > 0 && !p->train.tolerances && !strcmp(o->name, "tolerance-smooth"))
         return "found without effect, expected --tolerance auto with it";
     if (!mcmc && is_in_group(o, "Densification by --strategy mcmc"))
         return "found without effect, expected --strategy mcmc with it";

@@ -96,7 +96,7 @@ static int refuse_scene_around(sg_ctx *ctx, const char *path, const struct sg_ou
                        "%s: found \"..\" after a folder that does not exist, expected the place "
                        "itself",
                        path);
-    bool itself = !access(path, F_OK);
+    bool itself = rules && !access(path, F_OK);
     for (char *end = place ? place + strlen(place) : NULL; end && !code;
          end = strrchr(place, '/')) {
         if (end != place)

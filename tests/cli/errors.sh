@@ -20,7 +20,7 @@ expect 2 eval empty --scene scene/blender; says point_cloud
 
 # A folder that cannot be made, and a disk that is full.
 : >file
-expect 2 train scene/blender -o file/run $short --init-points 300; says 'file: found a file, expected a folder'
+expect 2 train scene/blender -o file/run $short --init-points 300; says 'file: found something else, expected a folder'
 expect 2 train scene/blender -o "new/deep/$(printf '%0300d' 0)" $short; says 'cannot create the folder'
 [ ! -e new ] || fail "folders are left on the way to one that cannot be made"
 mkdir gone
