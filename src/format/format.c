@@ -85,7 +85,7 @@ static int read_from(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
             ctx, SG_ERR_INPUT,
             "%s: found glTF, expected .ply, .compressed.ply, .splat, .spz, .ksplat or .sog",
             in->path);
-    if (!starts_with(in, "ply\n", 4) && !starts_with(in, "ply\r", 4)) { /* these have no mark */
+    if (!sg_ply_is_marked(in)) { /* these have no mark */
         if (named == SG_MODEL_KSPLAT)
             return sg_ksplat_read(ctx, in, max_gaussians, out);
         if (named == SG_MODEL_SPLAT)

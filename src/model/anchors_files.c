@@ -458,12 +458,9 @@ int sg_anchors_recognise(sg_ctx *ctx, const char *path, bool *found)
 {
     struct sg_source in;
     struct ply p = {.in = &in};
-    const char *mark;
     *found = false;
     int code = sg_source_open(ctx, &in, path, PLY_MAX_BYTES);
-    if (!code && (mark = sg_source_peek(&in, 4)) &&
-        (!memcmp(mark, "ply\n", 4) || !memcmp(mark, "ply\r", 4)) && /* not the float of a .splat */
-        !(code = sg_ply_parse_header(ctx, &p)))
+    if (!code && sg_ply_is_marked(&in) && !(code = sg_ply_parse_header(ctx, &p)))
         for (int i = 0; i < p.total; i++)
             *found |= !strcmp(p.all[i].name, "f_anchor_feat_0");
     sg_source_close(&in);

@@ -48,6 +48,8 @@ int sg_ply_open(sg_ctx *ctx, struct ply *p, struct sg_source *in, uint64_t max_r
 /* Fills format, element[] and all[]; leaves the stream at the first byte of the body. Errors name
  * the line. */
 int sg_ply_parse_header(sg_ctx *ctx, struct ply *p);
+/* Whether the first line is that of a PLY file, and not the first float of a .splat. */
+bool sg_ply_is_marked(struct sg_source *in);
 
 /* Index of a property that is not a list, or -1. */
 int sg_ply_find(const struct ply *p, const char *name);

@@ -137,6 +137,12 @@ static bool starts(const char *line, const char *word)
     return !strncmp(line, word, n) && (line[n] == ' ' || line[n] == '\t' || !line[n]);
 }
 
+bool sg_ply_is_marked(struct sg_source *in)
+{
+    const char *start = sg_source_peek(in, 4);
+    return start && (!memcmp(start, "ply\n", 4) || !memcmp(start, "ply\r", 4));
+}
+
 int sg_ply_parse_header(sg_ctx *ctx, struct ply *p)
 {
     char line[MAX_LINE];
