@@ -113,6 +113,25 @@ static void test_engines(void **state)
     }
 }
 
+/* A run of `first` that is saved after `at` iterations goes on with `then` as the whole one. */
+static void assert_goes_on(struct fixture *f, const struct sg_train_params *first, int at,
+                           const struct sg_train_params *then, const char *path,
+                           const struct sg_model *expected, const struct course *whole)
+{
+    struct course part;
+    sg_trainer *t = begin(f, first);
+    struct sg_model *unused = run(f, t, at, &part), *found;
+    assert_int_equal(sg_trainer_save(t, path), SG_OK);
+    sg_trainer_destroy(&t);
+    t = resume_training(f, then, path);
+    found = run(f, t, 40, &part);
+    assert_memory_equal(whole, &part, sizeof(*whole));
+    assert_same_anchors(expected, found);
+    sg_trainer_destroy(&t);
+    sg_model_destroy(&unused);
+    sg_model_destroy(&found);
+}
+
 /* A resumed run has the bytes of one that was not interrupted. */
 static void test_resume(void **state)
 {
@@ -121,24 +140,14 @@ static void test_resume(void **state)
     close(mkstemp(path));
     for (int at = 5; at < 40; at += 8) { /* 5, 13, ..., between growths; one before any */
         struct fixture f = make_points(2);
-        struct course whole, part;
+        struct course whole;
         struct sg_train_params p = scaffold_params();
         p.scaffold.distance = at > 20, p.scaffold.bank = at > 10, p.scaffold.appearance = at > 25;
         sg_trainer *t = begin(&f, &p);
-        struct sg_model *expected = run(&f, t, 40, &whole), *found, *unused;
+        struct sg_model *expected = run(&f, t, 40, &whole);
         sg_trainer_destroy(&t);
-        t = begin(&f, &p);
-        unused = run(&f, t, at, &part);
-        assert_int_equal(sg_trainer_save(t, path), SG_OK);
-        sg_trainer_destroy(&t);
-        t = resume_training(&f, &p, path);
-        found = run(&f, t, 40, &part);
-        assert_memory_equal(&whole, &part, sizeof(whole));
-        assert_same_anchors(expected, found);
-        sg_trainer_destroy(&t);
+        assert_goes_on(&f, &p, at, &p, path, expected, &whole);
         sg_model_destroy(&expected);
-        sg_model_destroy(&found);
-        sg_model_destroy(&unused);
         clear_points(&f);
     }
     /* Another model's run is refused, and a file that was altered. */
@@ -174,7 +183,7 @@ static void test_longer(void **state)
     char path[] = "/tmp/sg_scaffold_XXXXXX";
     struct fixture f = make_points(2);
     struct sg_train_params p = scaffold_params(), shorter;
-    struct course whole, part;
+    struct course whole;
     p.densify_grad_threshold = 3e-4f; /* that some reach */
     shorter = p;
     sg_trainer *t = begin(&f, &p);
@@ -183,17 +192,7 @@ static void test_longer(void **state)
     close(mkstemp(path));
     for (int end = 1; end < 40; end += 9) { /* 28: of growth */
         shorter.iterations = end;
-        t = begin(&f, &shorter);
-        struct sg_model *unused = run(&f, t, end, &part), *found;
-        assert_int_equal(sg_trainer_save(t, path), SG_OK);
-        sg_trainer_destroy(&t);
-        t = resume_training(&f, &p, path);
-        found = run(&f, t, 40, &part);
-        assert_memory_equal(&whole, &part, sizeof(whole));
-        assert_same_anchors(expected, found);
-        sg_trainer_destroy(&t);
-        sg_model_destroy(&unused);
-        sg_model_destroy(&found);
+        assert_goes_on(&f, &shorter, end, &p, path, expected, &whole);
     }
     unlink(path);
     sg_model_destroy(&expected);
