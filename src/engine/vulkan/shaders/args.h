@@ -329,8 +329,8 @@
     P(Floats, params) P(Floats, view) P(Floats, radii) P(Uints, stop) U(count) U(planes) U(grid_x) \
     U(grid_y)
 /* moves: of every row two words: the source, an index before the edit or a row of the caller's; and
- * the kind (enum sg_edit_kind), with a child's number above its bits. fates: by kind, what the planes
- * from `first` to `end` - 1 take. children: the planes up to the rotation. */
+ * the kind (enum sg_edit_kind), with a child's number above its bits. fates: by kind, what the
+ * planes from `first` to `end` - 1 take. children: the planes up to the rotation. */
 #define VK_KIND_BITS 2
 #define VK_FATE_ZERO 0
 #define VK_FATE_COPY 1
