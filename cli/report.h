@@ -64,7 +64,7 @@ struct obstacle {
 struct audit {
     char *plan, *scene, *photos, *key, *status, *verdict;
     double *scores; /* of single photos, those of which masks leave nothing excepted */
-    size_t n, verdicts[SG_AUDIT_VERDICTS];
+    size_t n, capacity, verdicts[SG_AUDIT_VERDICTS];
     bool fresh; /* of the database that is read now */
 };
 

@@ -71,14 +71,19 @@ static int take_photo(void *arg, int columns, const char *const *v)
     struct report *r = arg;
     const double score = v[1] ? atof(v[1]) : NAN;
     (void) columns;
+    if (interrupted())
+        return report(NULL, SG_ERR_INTERRUPTED);
     for (size_t i = 0; i < r->n_audits && v[0] && v[2] && isfinite(score); i++) {
         struct audit *a = &r->audits[i];
         if (!a->fresh || strcmp(a->key, v[0]))
             continue;
-        double *more = realloc(a->scores, (a->n + 1) * sizeof(*more));
-        if (!more)
-            return no_memory();
-        a->scores = more;
+        if (a->n == a->capacity) {
+            const size_t capacity = a->capacity ? 2 * a->capacity : 256;
+            double *more = realloc(a->scores, capacity * sizeof(*more));
+            if (!more)
+                return no_memory();
+            a->scores = more, a->capacity = capacity;
+        }
         a->scores[a->n++] = score;
         for (int k = 0; k < SG_AUDIT_VERDICTS; k++)
             a->verdicts[k] += !strcmp(v[2], sg_audit_verdict_name((enum sg_audit_verdict) k));
@@ -204,7 +209,7 @@ static int make_roc(double *photos, size_t n, double *clean, size_t m, struct ro
             out->points[i][1] = (double) y / (double) n;
         }
         out->n_points = count;
-        for (size_t s = 0; s < SAMPLES; s++) {
+        for (size_t s = 0; s < SAMPLES && !interrupted(); s++) {
             draw_sample(levels, count, at, n, m, &random);
             samples[ROC_GRID + 1][s] = walk(levels, count, n, m, heights);
             for (int k = 0; k <= ROC_GRID; k++)

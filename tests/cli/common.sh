@@ -44,7 +44,7 @@ says() { grep -qF -- "$1" err || fail "stderr does not say: $1"; }
 
 # dom BROWSER PAGE: what it makes of a page in the test's folder.
 dom() {
-    timeout 60 "$1" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
+    timeout -k 5 60 "$1" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
         --dump-dom "file://$work/$2" 2>browser.err || fail "no page: $(tail -3 browser.err)"
 }
 
