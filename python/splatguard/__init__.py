@@ -237,6 +237,7 @@ class Scene:
         info = _core.scene_info(handle)
         self.format, self.extent, self.center = info["format"], info["extent"], info["center"]
         self._points = info["points"]
+        self._names = [v["name"] for v in info["train"]]  # train may be changed
         self.train = [self._view(v, False, i) for i, v in enumerate(info["train"])]
         self.test = [self._view(v, True, i) for i, v in enumerate(info["test"])]
 
@@ -478,10 +479,21 @@ def _look(scene, audit, params):
 def _defended(scene, audit, params):
     """Parameters of the defense by an audit, under those that the caller gives; and its lists of
     numbers per view."""
+    try:
+        names = [image["name"] for image in audit["images"]]
+        found = dict(audit["defense"])
+        own = {name: found.pop(name) for name in ("tolerances", "view_weights")}
+    except (KeyError, TypeError, ValueError) as e:
+        raise UsageError(f"audit: found no {e}, expected a result of audit(scene)") from None
+    for k, (name, expected) in enumerate(zip(names, scene._names)):
+        if name != expected:
+            raise UsageError(f"audit: found {name!r} as photo {k}, expected {expected!r}")
+    if len(names) != len(scene._names):
+        raise UsageError(f"audit: found {len(names)} photos, expected {len(scene._names)}")
     tolerance = _number(params.get("tolerance"))
-    found = dict(audit["defense"] if tolerance is None else
-                 _core.automatic(scene._handle, audit, tolerance))
-    own = {name: found.pop(name) for name in ("tolerances", "view_weights")}
+    if tolerance is not None:
+        found = dict(_core.automatic(scene._handle, audit, tolerance))
+        own = {name: found.pop(name) for name in own}
     given = {name.rstrip("_"): value for name, value in params.items() if value is not None}
     return {**found, **given}, own
 
@@ -491,7 +503,8 @@ class Trainer:
 
     scene: a Scene. initial: a Model to start from, or None for the scene's points. resume: a file of
     save, from which the same scene and parameters go on to the same bytes. audit: the result of
-    audit(scene): turns the defense on as preset auto would, each photo by what was found in it; or
+    audit(scene), or of audit_images for the photos of scene.train by name and in order: turns the
+    defense on as preset auto would, each photo by what was found in it; or
     "defend": audits first, and does that unless the photos look clean; or "refuse": raises
     PoisonedError if they look poisoned. tolerance="auto": as much of each photo as an audit finds.
     tolerances, view_weights: a list or float32 array with a number per training view. defense: True
@@ -614,7 +627,8 @@ def audit(scene):
     Returns {verdict, score, tau, tau_error, reasons, images, defense, tolerances}. verdict: "clean",
     "suspicious" or "poisoned"; score: 0 to 1; tau: the poison's estimated amplitude in grey levels;
     reasons: sentences; images: a list of {name, verdict, score, tau, tau_error, features} in the
-    order of scene.train; defense: for Trainer(audit=...); tolerances: those of tolerance="auto", a
+    order of scene.train, of which the verdict can also be "unseen", with score 0, where a mask
+    leaves no pixel; defense: for Trainer(audit=...); tolerances: those of tolerance="auto", a
     list of floats, one per training view. All of it can be written as JSON, and read back for
     Trainer(audit=...).
     """

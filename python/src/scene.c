@@ -396,18 +396,30 @@ static PyObject *audit(PyObject *module, PyObject *args)
     return dict;
 }
 
-/* A number of an audit's result, which may have been through a file. */
-static bool take_number(PyObject *dict, const char *key, double *out)
+/* Of an audit's result, which may have been through a file. */
+static PyObject *part_of(PyObject *dict, const char *key)
 {
     PyObject *value = PyMapping_GetItemString(dict, key);
+    if (!value && !PyErr_ExceptionMatches(PyExc_MemoryError))
+        PyErr_Format(error_type(SG_ERR_USAGE),
+                     "audit: found no %s, expected the result of an audit", key);
+    return value;
+}
+
+static bool take_number(PyObject *dict, const char *key, double *out)
+{
+    PyObject *value = part_of(dict, key);
     *out = value ? PyFloat_AsDouble(value) : 0;
+    if (value && PyErr_Occurred())
+        PyErr_Format(error_type(SG_ERR_USAGE), "audit: found %R as %s, expected a number", value,
+                     key);
     Py_XDECREF(value);
     return !PyErr_Occurred();
 }
 
 static bool take_image(PyObject *dict, struct sg_audit_image *out)
 {
-    PyObject *features = PyMapping_GetItemString(dict, "features");
+    PyObject *features = part_of(dict, "features");
     bool good = features && take_number(dict, "score", &out->score) &&
                 take_number(dict, "tau", &out->tau) &&
                 take_number(dict, "tau_error", &out->tau_error);
@@ -429,7 +441,7 @@ static PyObject *automatic(PyObject *module, PyObject *args)
     if (!PyArg_ParseTuple(args, "O&Od", to_scene, &h, &dict, &tolerance))
         return NULL;
     const size_t n = h->scene->n_train;
-    PyObject *images = PyMapping_GetItemString(dict, "images");
+    PyObject *images = part_of(dict, "images");
     float *scratch = PyMem_Calloc(2 * n + 1, sizeof(*scratch));
     a.images = PyMem_Calloc(n + 1, sizeof(*a.images));
     const Py_ssize_t count = images ? PySequence_Size(images) : -1;

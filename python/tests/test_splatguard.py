@@ -207,10 +207,14 @@ def test_signal_interrupts_and_saves(tmp_path):
     # A shell that runs the tests in the background has told them to ignore SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     scene, saved = scene_of(), tmp_path / "state.bin"
-    timer = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
-    timer.start()
+    timer = threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGINT))
+
+    def begin(_step):
+        if timer.ident is None:
+            timer.start()
+
     with pytest.raises(KeyboardInterrupt):
-        sg.train(scene, save=saved, **{**SHORT, "iterations": 10_000_000})
+        sg.train(scene, save=saved, callback=begin, **{**SHORT, "iterations": 10_000_000})
     timer.join()
     assert saved.stat().st_size > 1000
 
@@ -620,6 +624,23 @@ def test_what_an_audit_decides(noise):
     both = [bytes(sg.train(scene, audit=again, tolerance=t, lambda_=weight, **few)["position"])
             for t in (0, 2, 40) for weight in (1, 6)]
     assert [both[k] == both[k + 1] for k in (0, 2, 4)] == ([False, False, True] if noise else [True] * 3)
+    # An audit of other photos, or one that is not whole.
+    broken = json.loads(json.dumps(found))
+    del broken["images"][1]["features"]["slope"]
+    text = json.loads(json.dumps(found))
+    text["images"][1]["score"] = "high"
+    for wrong, match in (({**found, "images": found["images"][::-1]}, "audit: found 'p3' as photo 0, expected 'p0'"),
+                         ({**found, "images": found["images"][:3]}, "audit: found 3 photos, expected 4"),
+                         ({**found, "images": found["images"] * 2}, "audit: found 8 photos, expected 4"),
+                         ({"defense": found["defense"]}, "audit: found no 'images', expected"),
+                         ({**found, "defense": {}}, "audit: found no 'tolerances', expected")):
+        with pytest.raises(sg.UsageError, match=match):
+            sg.train(scene, audit=wrong, **few)
+    for wrong, match in (broken, "audit: found no slope, expected"), (text, "audit: found 'high' as score, expected"):
+        with pytest.raises(sg.UsageError, match=match):
+            sg.train(scene, audit=wrong, tolerance=4, **few)
+    named = sg.audit_images((v.image for v in views()), names=[v.name for v in scene.train])
+    assert len(sg.train(scene, audit=named, **few)) > 0
     for wrong in 300, "much":
         with pytest.raises(sg.UsageError, match=f"tolerance: found '?{wrong}"):
             sg.train(scene, audit=found, tolerance=wrong, **few)
