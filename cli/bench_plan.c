@@ -54,6 +54,14 @@ json_t *options_merge(const json_t *const *lists, int n)
     return out;
 }
 
+static bool has_option(const json_t *options, const char *name)
+{
+    for (size_t i = 0; i < json_array_size(options); i++)
+        if (!strcmp(json_string_value(json_array_get(options, i)), name))
+            return true;
+    return false;
+}
+
 uint64_t splitmix(uint64_t x)
 {
     x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
@@ -74,21 +82,38 @@ static void make_key(const json_t *config, char key[33])
     snprintf(key, 33, "%016llx%016llx", (unsigned long long) a, (unsigned long long) b);
 }
 
-/* Of a folder's files: how many, and a checksum of their names and contents. A scene whose photos
+/* Of a scene's files: how many, and a checksum of their names and contents. A scene whose photos
  * change is another scene; one that is copied anew is not. */
 struct print {
     long long files;
-    uint64_t sum; /* of each file's checksum: files come in any order */
+    uint64_t sum;     /* of each file's checksum: files come in any order */
+    const char *root; /* of the scene, without links */
+    size_t length;    /* of root */
+    bool leaves;   /* also reads what links out of the scene lead to, as the scene's options do */
+    char **behind; /* folders that only links lead to */
+    size_t n_behind;
+    bool no_memory;
 };
 
-/* name: below the scene's folder. One that cannot be read counts with its name. */
-static void add_file(const char *path, const char *name, bool regular, struct print *p)
+static bool is_inside(const struct print *p, const char *path)
+{
+    return !strncmp(path, p->root, p->length) && (path[p->length] == '/' || !path[p->length]);
+}
+
+/* path: without links. */
+static const char *name_of(const struct print *p, const char *path)
+{
+    return is_inside(p, path) ? path + p->length : path;
+}
+
+/* One that cannot be read counts with its name. */
+static void add_file(const char *path, const char *name, bool readable, struct print *p)
 {
     static char part[1 << 16];
     XXH3_state_t hash;
     XXH3_64bits_reset(&hash);
     XXH3_64bits_update(&hash, name, strlen(name) + 1);
-    FILE *f = regular ? fopen(path, "rb") : NULL;
+    FILE *f = readable ? fopen(path, "rb") : NULL;
     for (size_t n; f && (n = fread(part, 1, sizeof(part), f));)
         XXH3_64bits_update(&hash, part, n);
     if (f)
@@ -97,8 +122,41 @@ static void add_file(const char *path, const char *name, bool regular, struct pr
     p->sum += XXH3_64bits_digest(&hash);
 }
 
-/* root: the length of the scene's path. */
-static void add_folder(const char *path, size_t root, int depth, struct print *p)
+/* A link to a folder counts with both names. What is in the folder counts once, under the names
+ * that it has without links, so that links may lead around in circles. */
+static void add_link(const char *path, const char *name, struct print *p)
+{
+    char target[PATH_MAX];
+    struct stat st;
+    if (!realpath(path, target) || stat(target, &st))
+        return;
+    const bool inside = is_inside(p, target), reads = inside || p->leaves;
+    if (!S_ISDIR(st.st_mode)) {
+        add_file(target, name, S_ISREG(st.st_mode) && reads, p);
+        return;
+    }
+    const char *there = name_of(p, target);
+    XXH3_state_t hash;
+    XXH3_64bits_reset(&hash);
+    XXH3_64bits_update(&hash, name, strlen(name) + 1);
+    XXH3_64bits_update(&hash, there, strlen(there) + 1);
+    p->sum += XXH3_64bits_digest(&hash);
+    if (!reads || (inside && !strstr(there, "/.")))
+        return; /* or come to by its own name */
+    for (size_t i = 0; i < p->n_behind; i++)
+        if (!strcmp(p->behind[i], target))
+            return;
+    char **more = realloc(p->behind, (p->n_behind + 1) * sizeof(*more)), *copy = strdup(target);
+    p->behind = more ? more : p->behind;
+    p->no_memory |= !more || !copy;
+    if (more && copy)
+        more[p->n_behind++] = copy;
+    else
+        free(copy);
+}
+
+/* path: without links. */
+static void add_folder(const char *path, int depth, struct print *p)
 {
     DIR *d = depth < 8 ? opendir(path) : NULL;
     for (struct dirent *e; d && (e = readdir(d));) {
@@ -108,16 +166,27 @@ static void add_folder(const char *path, size_t root, int depth, struct print *p
             snprintf(child, sizeof(child), "%s/%s", path, e->d_name) >= (int) sizeof(child) ||
             lstat(child, &st))
             continue;
-        const bool link = S_ISLNK(st.st_mode); /* folders behind them could be this one again */
-        if (link && stat(child, &st))
-            continue;
-        if (!S_ISDIR(st.st_mode))
-            add_file(child, child + root, S_ISREG(st.st_mode), p);
-        else if (!link)
-            add_folder(child, root, depth + 1, p);
+        if (S_ISLNK(st.st_mode))
+            add_link(child, name_of(p, child), p);
+        else if (S_ISDIR(st.st_mode))
+            add_folder(child, depth + 1, p);
+        else
+            add_file(child, name_of(p, child), S_ISREG(st.st_mode), p);
     }
     if (d)
         closedir(d);
+}
+
+/* Reads the scene at p->root. */
+static void add_files(struct print *p)
+{
+    p->length = strlen(p->root);
+    add_folder(p->root, 0, p);
+    for (size_t i = 0; i < p->n_behind; i++)
+        add_folder(p->behind[i], 0, p);
+    for (size_t i = 0; i < p->n_behind; i++)
+        free(p->behind[i]);
+    free(p->behind);
 }
 
 /* The index of a job with this configuration, which is taken over, or -1: see reader.code. */
@@ -162,14 +231,20 @@ static int add_scene(struct reader *r, const char *name)
         json_object_set(config, "synth", (json_t *) synth);
         json_object_set(config, "layout", json_object_get(scene, "layout"));
     } else {
-        struct print p = {0};
         char path[PATH_MAX];
         char whole[PATH_MAX]; /* one scene is one configuration, however its path is spelled */
+        struct print p = {.root = whole,
+                          .leaves = has_option(json_object_get(scene, "size"), "--follow-links")};
         const char *at = json_string_value(json_object_get(scene, "path"));
         snprintf(path, sizeof(path), "%s%s%s", *at == '/' ? "" : r->data, *at == '/' ? "" : "/",
                  at);
         if (realpath(path, whole))
-            add_folder(whole, strlen(whole), 0, &p);
+            add_files(&p);
+        if (p.no_memory) {
+            json_decref(config);
+            r->code = no_memory();
+            return -1;
+        }
         if (!p.files) {
             json_decref(config);
             r->code = plan_wrong(
@@ -228,10 +303,7 @@ static bool name_preset(struct reader *r, const char *scene, const struct comman
 /* Of what draws, unless its options name one. */
 static void add_engine(const struct plan *p, json_t *options)
 {
-    for (size_t i = 0; i < json_array_size(options); i++)
-        if (!strcmp(json_string_value(json_array_get(options, i)), "--engine"))
-            return;
-    if (p->engine) {
+    if (p->engine && !has_option(options, "--engine")) {
         json_array_append_new(options, json_string("--engine"));
         json_array_append_new(options, json_string(p->engine));
     }

@@ -68,8 +68,8 @@ psnr=$(ask half.db "select value from metric join cell using(key) where defense=
 rm -r half.db.work
 "$tool" bench long.json -o half.db -q --jobs 2 2>err &
 pid=$!
-waited=0
-until [ "$(find half.db.work -name log.jsonl 2>/dev/null | wc -l)" -eq 2 ] || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+two_begin() { [ "$(find half.db.work -name log.jsonl 2>/dev/null | wc -l)" -eq 2 ]; }
+wait_until two_begin
 sleep 0.3
 interrupt $pid
 expect 0 bench long.json -o half.db -q --jobs 1
@@ -148,8 +148,7 @@ expect 0 bench more.json -o :memory: -q
 plan long.json 100000 ''
 "$tool" bench long.json -o long.db -q 2>err &
 pid=$!
-waited=0
-until [ -d long.db.work ] || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+wait_until test -d long.db.work
 sleep 1
 interrupt $pid
 [ $? -eq 130 ] || fail "an interrupted bench did not exit with 130"
@@ -160,21 +159,19 @@ plan stuck.json $((n * n)) ''
 sed -i 's/"photos": \["clean", "noise"\], "defenses": \["off", "half", "lg"\]/"photos": ["clean"], "defenses": ["off"]/' stuck.json
 "$tool" bench stuck.json -o stuck.db -q 2>err &
 pid=$!
-waited=0
-until ls stuck.db.work/*/run/checkpoint.bin >/dev/null 2>&1 || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+saves_begin() { ls stuck.db.work/*/run/checkpoint.bin >/dev/null 2>&1; }
+wait_until saves_begin
 interrupt $pid
 for checkpoint in stuck.db.work/*/run/checkpoint.bin; do echo damaged >"$checkpoint"; done
 expect 2 bench stuck.json -o stuck.db -q; says 'checkpoint.bin: found less than'
 # One that is killed has not said what its process before did.
 "$tool" bench stuck.json -o stuck.db -q --retry 2>err &
 pid=$!
-waited=0
-until ls stuck.db.work/*/run/checkpoint.bin >/dev/null 2>&1 || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+wait_until saves_begin
 interrupt $pid
 "$tool" bench stuck.json -o stuck.db -q --retry 2>err &
 pid=$!
-waited=0
-until child_of $pid >child || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+wait_until child_of $pid >child
 kill -KILL "$(cat child)"
 wait $pid
 [ "$(ask stuck.db "select status, message from job where kind='train'")" = 'crashed|ended by signal 9 without a word' ] || fail "of a crash: $(ask stuck.db "select status, message from job")"
@@ -248,6 +245,25 @@ timeout 30 "$tool" bench around.json --list >out || fail "links in a scene: exit
 grep -q train out || fail "jobs of a folder with links are $(cat out)"
 rm around/photo && ln -s "$PWD/plan.json" around/photo # a scene may be made of links
 expect 0 bench around.json --list
+
+# A scene with links is another one where they lead to others, or what they lead to changes.
+mkdir linked linked/images_2 linked/.images_4 outside && echo 2 >linked/images_2/photo && echo 4 >linked/.images_4/photo && echo 1 >outside/photo
+ln -s images_2 linked/images
+sed 's/"path": "around"/"path": "linked"/; s/"--downscale", "2"/&, "--follow-links"/' around.json >follows.json
+sed 's/"path": "around"/"path": "linked"/' around.json >stays.json
+jobs_of() { expect 0 bench $1.json --list && mv out $1.$2; }
+other_jobs() { ! cmp -s $1.$2 $1.$3 || fail "$1.json has the same jobs as $2 and as $3"; }
+for plan in follows stays; do jobs_of $plan first; done
+ln -sfn .images_4 linked/images
+for plan in follows stays; do jobs_of $plan relinked && other_jobs $plan first relinked; done
+echo 5 >linked/.images_4/photo
+for plan in follows stays; do jobs_of $plan hidden && other_jobs $plan relinked hidden; done
+rm linked/images && ln -s "$PWD/outside" linked/images
+for plan in follows stays; do jobs_of $plan outside && other_jobs $plan hidden outside; done
+echo 6 >outside/photo
+for plan in follows stays; do jobs_of $plan changed; done
+other_jobs follows outside changed
+cmp -s stays.outside stays.changed || fail "what links lead to is read without --follow-links"
 
 # Parts of a plan are all of it; a script for a cluster.
 plan plan.json $n ''

@@ -48,27 +48,27 @@ dom() {
         --dump-dom "file://$work/$2" 2>browser.err || fail "no page: $(tail -3 browser.err)"
 }
 
-# Until a file of a tool in the background has something in it.
-wait_for() {
+# wait_until COMMAND...: tries it until it succeeds.
+wait_until() {
     waited=0
-    until [ -s "$1" ]; do
+    until "$@"; do
         waited=$((waited + 1))
-        [ $waited -le 600 ] || fail "no $1 after a minute"
+        [ $waited -le 600 ] || fail "not after a minute: $*"
         sleep 0.1
     done
 }
 
+# Until a file of a tool in the background has something in it.
+wait_for() { wait_until test -s "$1"; }
+
 # Until a tool in the background has a handler for SIGTERM (a bit of SigCgt). Before that, or before the shell has become the
 # tool, a signal would be lost.
-wait_for_handler() {
-    waited=0
-    until awk '/^Name:/ { name = $2 } /^SigCgt:/ { caught = $2 }
-               END { exit !(name == "splatguard" && caught ~ /[4567cdef]...$/) }' "/proc/$1/status"; do
-        waited=$((waited + 1))
-        [ $waited -le 600 ] || fail "process $1 does not catch SIGTERM after a minute"
-        sleep 0.1
-    done
+catches() {
+    grep -q '^State:.[^Z]' "/proc/$1/status" 2>/dev/null || fail "process $1 has ended"
+    awk '/^Name:/ { name = $2 } /^SigCgt:/ { caught = $2 }
+         END { exit !(name == "splatguard" && caught ~ /[4567cdef]...$/) }' "/proc/$1/status"
 }
+wait_for_handler() { wait_until catches "$1"; }
 
 # interrupt PID: ends a tool in the background as Ctrl-C does, which the shell makes it ignore there, and returns its exit
 # code.
