@@ -18,8 +18,12 @@ const defenses = unique(results.map(r => r.defense));
 const photosName = 'the photos';
 let shownDefenses = []; // each has a colour of its own while there are enough
 const colour = name => name === photosName ? 'currentColor' : colours[shownDefenses.indexOf(name) % colours.length];
-const sceneOf = r => r.plan + ': ' + r.scene + (r.model === 'default' ? '' : ', ' + r.model);
+const sceneOf = r => JSON.stringify([r.plan, r.scene, r.model]); // names may have any letters
 const scenes = unique(results.map(sceneOf));
+const titleOfScene = key => {
+    const [plan, scene, model] = JSON.parse(key);
+    return plan + ': ' + scene + (model === 'default' ? '' : ', ' + model);
+};
 const kinds = unique(audits.map(a => a.photos));
 const colourOfKind = name => colours[kinds.indexOf(name) % colours.length];
 
@@ -186,7 +190,7 @@ function spectra(id, title, kind, chosen, point, low, at) {
     for (const r of pictured(chosen)) {
         const of = (what, defense) => ({name: `${r.photos}, ${defense}`, defense, dashed: r.photos === 'clean',
             points: (r.pictures[what][kind] || []).map(point).filter(p => isFinite(p[1]))});
-        if (r.pictures.photo && !list.some(l => l.defense === photosName && l.name.startsWith(r.photos + ',')))
+        if (r.pictures.photo && !list.some(l => l.name === `${r.photos}, ${photosName}`))
             list.push(of('photo', photosName));
         list.push(of('render', r.defense));
     }
@@ -238,9 +242,9 @@ function crops(chosen) {
     }
 }
 
-function choose(id, names) {
+function choose(id, names, titleOf = name => name) {
     const list = document.getElementById(id);
-    for (const name of names) list.add(new Option(name, name));
+    for (const name of names) list.add(new Option(titleOf(name), name));
     list.addEventListener('change', draw);
 }
 
@@ -300,7 +304,7 @@ function draw() {
     crops(chosen);
 }
 
-choose('scene', scenes);
+choose('scene', scenes, titleOfScene);
 choose('photos', unique(results.map(r => r.photos)));
 chooseDefenses();
 let shownWidth = document.body.clientWidth;

@@ -219,6 +219,15 @@ figure() { tr -d '\n' <many.html | grep -o "<figure id=\"$1\".*" | sed 's/<\/fig
 [ "$(figure gaussians | grep -o 'fill: #[0-9a-f]*' | sort -u | wc -l)" -eq 20 ] || fail "two defenses with one colour"
 figure quality | grep -o 'cy="[^"]*"' | tr -dc '0-9.\n' | sort -g | awk 'NR == 1 { a = $1 } END { exit $1 - a < 150 }' || fail "dB from 0"
 
+# Names that begin as others do are their own.
+cp r.db begin.db
+sqlite3 begin.db "update cell set photos='noise, small' where photos='clean'"
+expect 0 report begin.db -o begin -q
+dom "$browser" begin/report.html >begin.html
+for photos in 'noise' 'noise, small'; do
+    [ "$(grep -o ">$photos, the photos: " begin.html | wc -l)" -eq 2 ] || fail "not one spectrum of each kind of $photos"
+done
+
 # Energies far below 1 stay below the top of the figure.
 cp r.db dark.db
 sqlite3 dark.db "update spectrum set value=1e-9 * value where kind='radial'"
