@@ -137,10 +137,12 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     }
     if (!code && alone)
         code = photo_folder_check(positional[0], &c.scene);
+    /* What decodes photos without a scene has a limit of its own: no more than one at a time. */
+    const bool one = alone && c.max_memory;
+    if (!code && one && options_given(&command_audit, given, A(threads)))
+        warn_unused("threads", "with --max-memory on photos without a scene");
     if (!code)
-        /* What decodes photos without a scene has a limit of its own: no more than one at a time.
-         */
-        code = open_context(&ctx, alone && c.max_memory ? 1 : c.threads, c.max_memory, c.quiet);
+        code = open_context(&ctx, one ? 1 : c.threads, c.max_memory, c.quiet);
     if (code)
         return code;
     if (c.report && (code = report(ctx, sg_output_check_file(ctx, c.report)))) {

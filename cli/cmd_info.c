@@ -174,6 +174,14 @@ static int run_info(const void *config, const bool *given, const char *const *po
             of_scene, place);
         return STATUS_USAGE;
     }
+    const bool limited =
+        options_given(&command_info, given, offsetof(struct info_config, max_memory));
+    if (c->devices &&
+        (limited || options_given(&command_info, given, offsetof(struct info_config, threads)))) {
+        say(stderr, "splatguard info: --%s: found without effect on --devices\n",
+            limited ? "max-memory" : "threads");
+        return STATUS_USAGE;
+    }
     if (c->devices)
         return print_devices(c->json);
     sg_ctx *ctx;

@@ -143,6 +143,9 @@ cmp before after || fail "an input changed"
 expect 0 info --devices
 grep -q '^ref ' out && grep -q '^cpu .*; chosen$' out || fail "info --devices lists no engines"
 chosen=$(sed -n 's/^cpu  *\([a-z0-9]*\) .*; chosen$/\1/p' out)
+for useless in '--threads 2' '--max-memory 1G'; do
+    expect 1 info --devices $useless; says "${useless% *}: found without effect on --devices"
+done
 expect 0 info --devices --json
 grep -q "\"variant\": *\"$chosen\"" out || fail "info --devices --json lacks $chosen"
 # Devices: none where no driver is found, which is said, also to who asks for one; else with driver and memory.
