@@ -173,6 +173,9 @@ static void test_interpolate(void **state)
         cameras[i] = looking(from, at, up);
     }
     assert_int_equal(sg_camera_path(ctx, SG_PATH_INTERPOLATE, cameras, N, ALL, path), SG_OK);
+    double centre[N][3];
+    for (int i = 0; i < N; i++)
+        sg_camera_centre(&cameras[i], centre[i]);
     for (int i = 0; i < ALL; i++) {
         double determinant;
         assert_true(sg_rotation_error(path[i].R, &determinant) < 1e-9 && determinant > 0);
@@ -184,6 +187,14 @@ static void test_interpolate(void **state)
             assert_float_equal(path[i].R[k], key->R[k], 1e-9);
         for (int k = 0; k < 3 && i % BETWEEN == 0; k++)
             assert_float_equal(a[k], b[k], 1e-9);
+        /* Half way the uniform spline of Catmull and Rom has the weights -1, 9, 9, -1 over 16; the
+         * first and the last key are their own neighbours. */
+        const int k1 = i / BETWEEN, k0 = k1 > 0 ? k1 - 1 : 0, k3 = k1 + 2 < N ? k1 + 2 : N - 1;
+        for (int k = 0; k < 3 && i % BETWEEN == BETWEEN / 2; k++)
+            assert_float_equal(
+                a[k],
+                (9 * (centre[k1][k] + centre[k1 + 1][k]) - centre[k0][k] - centre[k3][k]) / 16,
+                1e-9);
     }
     /* Half a turn in steps, of which the quaternions change their sign on the way. */
     for (int i = 0; i < CAMERAS; i++) {

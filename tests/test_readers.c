@@ -183,10 +183,11 @@ static void long_lines(void **state)
     free(text);
 }
 
+/* Of this process: other work on the machine takes none of it. */
 static double seconds(void)
 {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
     return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 

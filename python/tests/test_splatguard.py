@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import ast
 import gc
+import gzip
 import itertools
 import json
 import math
@@ -851,6 +852,15 @@ def test_files_of_models(tmp_path):
         back = np.asarray(sg.Model.load(tmp_path / f"m.{ending}")["position"])
         if ending != "compressed.ply":
             assert np.abs(back - np.asarray(model["position"])).max() < 5e-3
+    for name in "ply", "compressed-ply", "splat", "spz", "sog", "glb":
+        model.save(tmp_path / f"by_ending.{name.replace('-', '.')}")
+        model.save(tmp_path / "by_name", format=name)
+        assert (tmp_path / "by_name").read_bytes() == (tmp_path / f"by_ending.{name.replace('-', '.')}").read_bytes(), name
+    versions = []
+    for version in 2, 3:
+        model.save(tmp_path / "v.spz", spz_version=version)
+        versions.append(gzip.decompress((tmp_path / "v.spz").read_bytes())[4])
+    assert versions == [2, 3]
     model_of(20, 0).save(tmp_path / "m.ply")  # replaces the file
     assert len(sg.Model.load(tmp_path / "m.ply")) == 20
     box = ((-9, -9, -9), (0, 9, 9))
