@@ -114,7 +114,7 @@ static sg_renderer *scores_renderer(struct train_view *v, enum view_kind kind)
     render_as_trained(&render, t);
     render.max_instances = INSTANCES;
     for (int ch = 0; ch < 3; ch++)
-        render.background[ch] = t->white_background ? 1 : 0;
+        render.background[ch] = v->params->scene.white_background ? 1 : 0;
     if (!v->pictures.scores || (kind == VIEW_NEXT && !v->pictures.next))
         return NULL;
     if (!v->scores.model || v->scored != s.iteration)
