@@ -268,6 +268,15 @@ static void ranks_are_those_of_the_released_code(void **state)
     p.volume_clip = true;
     assert_int_equal(sg_volume_factors(ctx, &p, volume, 10, factor), SG_OK);
     assert_true(factor[0] == 1 && factor[9] == 1);
+    volume[3] = INFINITY, volume[4] = NAN; /* the largest */
+    assert_int_equal(sg_volume_factors(ctx, &p, volume, 10, factor), SG_OK);
+    assert_true(factor[3] == 1 && factor[4] == 1 && factor[9] == 1);
+    for (int i = 0; i < 10; i++)
+        volume[i] = INFINITY;
+    assert_int_equal(sg_volume_factors(ctx, &p, volume, 10, factor), SG_OK);
+    assert_true(factor[3] == 1 && factor[9] == 1);
+    assert_int_equal(sg_prune_choose(score, 10, 1, sorted, keep), 9);
+    assert_true(keep[3]);
     assert_int_equal(sg_prune_choose(score, 10, 0.66, sorted, keep), 6);
     for (int i = 0; i < 10; i++)
         assert_int_equal(keep[i], score[i] > 6);

@@ -98,8 +98,9 @@ SG_API int sg_prune_check(sg_ctx *ctx, const struct sg_prune_params *params);
 /* The scores of all Gaussians over the training views of a scene; the lowest go first. A Gaussian
  * that no view shows has 0 with LightGaussian (but its opacity with SG_GLOBAL_OPACITY), else
  * -INFINITY; so has one with PUP 3D-GS of which the views do not determine all of position and
- * size. score: model->count values. Photos are not read. Errors: SG_ERR_USAGE for parameters out of
- * range, SG_ERR_INPUT for a scene without a training view, SG_ERR_BUDGET, SG_ERR_INTERRUPTED. */
+ * size. NaN, where numbers of the model overflow, is kept longest. score: model->count values.
+ * Photos are not read. Errors: SG_ERR_USAGE for parameters out of range, SG_ERR_INPUT for a scene
+ * without a training view, SG_ERR_BUDGET, SG_ERR_INTERRUPTED. */
 SG_API int sg_prune_scores(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *model,
                            const struct sg_prune_params *params, double *score);
 

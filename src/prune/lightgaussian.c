@@ -29,13 +29,17 @@ int sg_volume_factors(sg_ctx *ctx, const struct sg_prune_params *p, const double
     double *sorted = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*sorted));
     if (!sorted)
         return SG_ERR_BUDGET;
-    memcpy(sorted, volume, n * sizeof(*sorted));
+    for (size_t i = 0; i < n; i++) /* NaN has no place in an order */
+        sorted[i] = isnan(volume[i]) ? INFINITY : volume[i];
     qsort(sorted, n, sizeof(*sorted), sg_double_ascending);
     /* Of the volumes in descending order, that at index trunc(0.9 n). */
     const double v90 = sorted[n - 1 - (size_t) (0.9 * (double) n)];
     sg_free(sorted);
     for (size_t i = 0; i < n; i++) {
-        const double relative = v90 > 0 ? volume[i] / v90 : 1;
+        /* Infinite ones are equal. */
+        const double relative = v90 > 0 && volume[i] < INFINITY ? volume[i] / v90
+                                : v90 > 0 && v90 < INFINITY     ? INFINITY
+                                                                : 1;
         factor[i] = pow(p->volume_clip ? fmin(relative, 1) : relative, p->volume_power);
     }
     return SG_OK;
@@ -61,7 +65,8 @@ static int finish(sg_ctx *ctx, const struct sg_model *m, const struct sg_prune_p
     if (p->score != SG_GLOBAL_MAX_V)
         code = sg_volume_factors(ctx, p, volume, n, factor);
     for (size_t i = 0; i < n && !code; i++)
-        score[i] *= factor[i];
+        if (score[i] > 0) /* 0 also where the volume is infinite */
+            score[i] *= factor[i];
     sg_free(factor);
     return code;
 }

@@ -95,11 +95,14 @@ size_t sg_prune_choose(const double *score, size_t n, double ratio, double *sort
         sorted[i] = isnan(score[i]) ? INFINITY : score[i];
     qsort(sorted, n, sizeof(*sorted), sg_double_ascending);
     const double limit = sorted[(size_t) (ratio * (double) (n - 1))];
-    size_t removed = 0;
+    size_t removed = 0, best = 0;
     for (size_t i = 0; i < n; i++) {
-        keep[i] = !(score[i] <= limit) || removed == n - 1;
+        keep[i] = !(score[i] <= limit);
         removed += !keep[i];
+        best = score[i] >= score[best] ? i : best;
     }
+    if (removed == n) /* none is NaN */
+        keep[best] = 1, removed--;
     return removed;
 }
 
