@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The 3D filter of Mip-Splatting: its values and gradients, what it follows from, and how a
  * training uses it. */
+#include <limits.h>
 #include <unistd.h>
 
 #include "model/mip.h"
@@ -140,15 +141,19 @@ static void test_schedule(void **state)
     int count = 0;
     p.model = SG_MODEL_MIP;
     for (int it = 1; it <= p.iterations; it++)
-        if (sg_renews_filter(&p, it - 1, it)) {
+        if (sg_renews_filter(&p, INT_MAX, it - 1, it)) {
             assert_true(it % 100 == 0 && it >= 15100 && it <= 29800);
             count++;
         }
     assert_int_equal(count, 148);
     p.mip.interval = 5000;
-    assert_true(sg_renews_filter(&p, 19999, 20000) && !sg_renews_filter(&p, 24999, 25000));
+    assert_true(sg_renews_filter(&p, INT_MAX, 19999, 20000) &&
+                !sg_renews_filter(&p, INT_MAX, 24999, 25000));
+    p.mip.interval = 100; /* also where nothing densifies since a tolerance settles */
+    assert_true(sg_renews_filter(&p, 14000, 14099, 14100));
+    assert_false(sg_renews_filter(&p, 14000, 13999, 14000));
     p.model = SG_MODEL_3DGS;
-    assert_false(sg_renews_filter(&p, 15099, 15100));
+    assert_false(sg_renews_filter(&p, INT_MAX, 15099, 15100));
 }
 
 /* The model that a training hands out looks like the one that it holds, and its filter follows the

@@ -228,7 +228,7 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
     if ((code = sg_trainer_update(t, plan.rests || last ? NULL : lr, plan.rests_opacity, update)) ||
         (changes && t->strategy->after_step &&
          (code = t->strategy->after_step(t, &plan, before, it, &render, &step))) ||
-        (sg_renews_filter(p, before, it) && (code = sg_trainer_renew_filter(t))))
+        (sg_renews_filter(p, t->settles_from, before, it) && (code = sg_trainer_renew_filter(t))))
         return code;
 
     t->iteration = it;

@@ -29,16 +29,19 @@ static inline bool sg_densifies(const struct sg_train_params *p, int before, int
  * After the last iteration nothing could learn the opacities again. */
 static inline bool sg_resets_opacity(const struct sg_train_params *p, int before, int it)
 {
-    return it < p->densify_until_iter && it < p->iterations &&
+    return it < p->densify_until_iter && it < p->iterations && p->strategy != SG_STRATEGY_MCMC &&
+           p->model != SG_MODEL_SCAFFOLD &&
            (sg_due(before, it, p->opacity_reset_interval) ||
             (p->white_background && before < p->densify_from_iter && it >= p->densify_from_iter));
 }
 
 /* Where nothing densifies any more the 3D filter of Mip-Splatting follows the positions on a
- * schedule of its own; after a densification it is always made anew. */
-static inline bool sg_renews_filter(const struct sg_train_params *p, int before, int it)
+ * schedule of its own; after a densification it is always made anew. settles_from: see struct
+ * sg_trainer. */
+static inline bool sg_renews_filter(const struct sg_train_params *p, int settles_from, int before,
+                                    int it)
 {
-    return p->model == SG_MODEL_MIP && it > p->densify_until_iter &&
+    return p->model == SG_MODEL_MIP && (it > p->densify_until_iter || it > settles_from) &&
            it < p->iterations - p->mip.interval && sg_due(before, it, p->mip.interval);
 }
 
