@@ -102,6 +102,17 @@ static void test_next(void **state)
         free(r);
     }
     assert_int_equal(passes, 4);
+    /* Nothing is removed in the last tenth of a training with a tolerance. */
+    struct sg_train_params tolerant = p;
+    tolerant.tolerance = 4, tolerant.iterations = 30;
+    sg_trainer *settled = begin_training(&f, &tolerant);
+    for (int it = 1; it <= 27; it++) {
+        struct sg_filter_pass next;
+        free(ranks(settled, &p.defense, sg_trainer_gaussians(settled), &next));
+        assert_true(next.share > 0 ? it <= 21 && next.iteration <= 27 : it > 21);
+        assert_int_equal(sg_trainer_step(settled, NULL), SG_OK);
+    }
+    sg_trainer_destroy(&settled);
     assert_int_equal(sg_trainer_model(t, &after), SG_OK);
     assert_same(plain, after); /* looking on changes nothing */
     sg_model_destroy(&after);

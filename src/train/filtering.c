@@ -71,7 +71,7 @@ double sg_filtering_next(const sg_trainer *t, int *next)
     struct sg_filtering grown = *(const struct sg_filtering *) t->strategy_state;
     const int from = sg_filters_from(p), now = t->iteration > from ? t->iteration : from;
     grown.growths += !grown.growths;
-    for (int it = now + 1; it - now <= p->defense.interval; it++)
+    for (int it = now + 1; it - now <= p->defense.interval && it <= t->settles_from; it++)
         if (sg_filters(p, it - 1, it)) {
             *next = it;
             return share_of(t, &grown, it);
