@@ -324,11 +324,11 @@ static void test_identity(void **state)
         p.exposure = !strncmp(o->field, "exposure_", 9);
         p.scaffold.bank = !strncmp(o->field, "scaffold.bank_", 14);
         p.scaffold.appearance = !strncmp(o->field, "scaffold.appearance_", 20);
-        const struct sg_identity before = sg_train_identity(&p);
+        const struct sg_identity before = sg_train_identity(&p, 1);
         if (is_listed(free_to_change, o->name))
             continue;
         change(o, &p);
-        const struct sg_identity after = sg_train_identity(&p);
+        const struct sg_identity after = sg_train_identity(&p, 1);
         if (before.parameters == after.parameters && before.strength == after.strength)
             fail_msg("--%s is not in the identity of a run", o->name);
         checked++;

@@ -28,6 +28,61 @@ static void test_threads(void **state)
     clear_fixture(&first);
 }
 
+/* Steps after the last change nothing, also for a longer run that goes on from there. */
+static void test_beyond_the_end(void **state)
+{
+    (void) state;
+    struct sg_train_params p = short_params();
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    close(mkstemp(path));
+    struct fixture f = make_fixture(2);
+    p.iterations = 30;
+    struct sg_model *whole = train(&f, &p, 30, NULL, NULL, NULL);
+    p.iterations = 17;
+    sg_trainer *t = begin_training(&f, &p);
+    for (int it = 1; it <= 21; it++)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    assert_int_equal(sg_trainer_save(t, path), SG_OK);
+    sg_trainer_destroy(&t);
+    p.iterations = 30;
+    struct sg_model *longer = train(&f, &p, 30, NULL, path, NULL);
+    assert_same(longer, whole);
+    sg_model_destroy(&whole);
+    sg_model_destroy(&longer);
+    unlink(path);
+    clear_fixture(&f);
+}
+
+/* Numbers of each photo are parameters of a run. */
+static void test_numbers_of_photos(void **state)
+{
+    (void) state;
+    struct sg_train_params p = short_params(), other;
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    close(mkstemp(path));
+    struct fixture f = make_fixture(2);
+    float tolerances[VIEWS] = {5, 5}, weights[VIEWS] = {1, 0}, others[VIEWS] = {5, 6};
+    sg_trainer *t;
+    p.defense.on = true;
+    p.tolerances = tolerances, p.defense.view_weights = weights;
+    struct sg_model *whole = train(&f, &p, 40, path, NULL, NULL);
+    struct sg_model *resumed = train(&f, &p, 40, NULL, path, NULL);
+    assert_same(resumed, whole);
+    sg_model_destroy(&whole);
+    sg_model_destroy(&resumed);
+    for (int k = 0; k < 4; k++) {
+        other = p;
+        if (k < 2)
+            other.tolerances = k ? others : NULL;
+        else
+            other.defense.view_weights = k == 2 ? others : NULL;
+        assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &other, &t), SG_ERR_INPUT);
+        assert_null(t);
+    }
+    unlink(path);
+    clear_fixture(&f);
+}
+
 static void test_resume(void **state)
 {
     (void) state;
@@ -364,11 +419,12 @@ static void test_no_extent(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_schedule),      cmocka_unit_test(test_ranges),
-        cmocka_unit_test(test_adam_steps),    cmocka_unit_test(test_threads),
-        cmocka_unit_test(test_resume),        cmocka_unit_test(test_loss_falls),
-        cmocka_unit_test(test_golden_losses), cmocka_unit_test(test_background),
-        cmocka_unit_test(test_masks),         cmocka_unit_test(test_too_large),
+        cmocka_unit_test(test_schedule),       cmocka_unit_test(test_ranges),
+        cmocka_unit_test(test_adam_steps),     cmocka_unit_test(test_threads),
+        cmocka_unit_test(test_beyond_the_end), cmocka_unit_test(test_numbers_of_photos),
+        cmocka_unit_test(test_resume),         cmocka_unit_test(test_loss_falls),
+        cmocka_unit_test(test_golden_losses),  cmocka_unit_test(test_background),
+        cmocka_unit_test(test_masks),          cmocka_unit_test(test_too_large),
         cmocka_unit_test(test_no_extent),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

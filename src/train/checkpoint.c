@@ -261,16 +261,19 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     if (code || (code = sg_engine_read_exposures(t->engine)) ||
         (code = sg_file_create(ctx, &w, path)))
         goto done;
+    /* Steps after the last one have changed nothing. */
+    const bool ended = t->identity.kind == SG_RUN_TRAINING && t->iteration >= t->params.iterations;
+    const int beyond = ended ? t->iteration - t->params.iterations : 0;
     struct sg_checkpoint_header h = {
         .count = m.count,
         .sh_degree = m.sh_degree,
-        .iteration = t->iteration,
+        .iteration = t->iteration - beyond,
         .start_degree = t->start_degree,
         .cameras = cameras_hash(t->scene),
         .seed = t->params.seed,
         .views = t->scene->n_train,
         .extent = t->extent,
-        .steps = t->steps,
+        .steps = t->steps - beyond,
         .spent =
             t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
         .noise = t->noise,
@@ -282,7 +285,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
         .parameters = t->identity.parameters,
         .strength = t->identity.strength,
         .kind = t->identity.kind,
-        .ended = t->identity.kind == SG_RUN_TRAINING && t->iteration == t->params.iterations,
+        .ended = ended,
         .sections = (t->strategy->state_bytes > 0) + (networks_bytes(t) > 0)};
     for (int c = 0; c < SG_COLUMNS; c++)
         h.sections += is_saved(t, c);
@@ -539,8 +542,8 @@ static int get_section(struct reading *r)
     sg_show_bytes(s.title, strnlen(s.title, sizeof(s.title)), title);
     if (c < 0)
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: byte %lld: found section \"%s\", expected a column of this version or "
-                       "the state of strategy %s",
+                       "%s: byte %lld: found section \"%s\", expected a column of this version, "
+                       "what this training has of each photo, or the state of strategy %s",
                        path, at, title, r->t->strategy->name);
     if (r->found[c])
         return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %lld: found section \"%s\" twice", path, at,

@@ -99,7 +99,13 @@ static uint64_t hash_mip(const struct sg_mip_params *m, uint64_t hash)
     return hash_unusual(numbers, usual, 4, XXH3_64bits_withSeed("mip", strlen("mip"), hash));
 }
 
-struct sg_identity sg_train_identity(const struct sg_train_params *p)
+/* Those of each photo, or NULL. */
+static uint64_t hash_views(const float *numbers, size_t n, uint64_t hash)
+{
+    return numbers ? XXH3_64bits_withSeed(numbers, n * sizeof(*numbers), hash) : hash;
+}
+
+struct sg_identity sg_train_identity(const struct sg_train_params *p, size_t n_views)
 {
     const struct sg_defense_params *d = &p->defense;
     const double numbers[] = {p->sh_interval,
@@ -161,8 +167,10 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
         parameters = XXH3_64bits_withSeed("unseen", strlen("unseen"), parameters);
     if (p->absgrad)
         parameters = XXH3_64bits_withSeed("absgrad", strlen("absgrad"), parameters);
-    return (struct sg_identity){
-        .kind = SG_RUN_TRAINING,
-        .parameters = parameters,
-        .strength = sg_hash_numbers(strength, sizeof(strength) / sizeof(strength[0]))};
+    const uint64_t strengths = sg_hash_numbers(strength, sizeof(strength) / sizeof(strength[0]));
+    return (struct sg_identity){.kind = SG_RUN_TRAINING,
+                                .parameters = parameters,
+                                .strength =
+                                    hash_views(d->on ? d->view_weights : NULL, n_views,
+                                               hash_views(p->tolerances, n_views, strengths))};
 }

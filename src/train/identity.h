@@ -14,7 +14,8 @@ enum sg_run_kind { SG_RUN_TRAINING, SG_RUN_ATTACK };
 struct sg_identity {
     enum sg_run_kind kind;
     uint64_t parameters;
-    /* of the defense: what an audit of the photos may have set, and follows them */
+    /* of the defense: what an audit of the photos may have set, and follows them; with the numbers
+     * of each photo */
     uint64_t strength;
 };
 
@@ -23,6 +24,7 @@ uint64_t sg_hash_numbers(const double *numbers, size_t n);
 /* Of parameters that have this hash, with those of anchors if the model is SG_MODEL_SCAFFOLD. */
 uint64_t sg_hash_anchors(const struct sg_train_params *params, uint64_t hash);
 
-struct sg_identity sg_train_identity(const struct sg_train_params *params);
+/* n_views: of the scene for training. */
+struct sg_identity sg_train_identity(const struct sg_train_params *params, size_t n_views);
 
 #endif

@@ -226,7 +226,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     t->beyond = 1;
     t->settles_from = t->strategy->whole ? INT_MAX : settles_from(&t->params, scene->n_train);
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
-    t->identity = start->identity ? *start->identity : sg_train_identity(&t->params);
+    t->identity =
+        start->identity ? *start->identity : sg_train_identity(&t->params, scene->n_train);
     t->started = t->params.clock(t->params.clock_arg);
     t->spent = t->params.seconds_before;
     if (start->checkpoint && (code = sg_checkpoint_open(t, start->checkpoint, &saved)))
