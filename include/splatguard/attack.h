@@ -127,9 +127,10 @@ typedef struct sg_attack sg_attack;
 SG_API int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
                             const struct sg_attack_params *params, sg_attack **out);
 /* Continues from a file of sg_attack_save. With the same scene and params the result has the same
- * bytes as an uninterrupted attack. Iterations, limits and engine may differ. Errors: those of
- * sg_attack_create; SG_ERR_INPUT if the file is not a checkpoint of this scene and attack, or is
- * one with other parameters. */
+ * bytes as an uninterrupted attack. Iterations, limits and engine may differ; but the last
+ * iteration of an attack adds no Gaussians, so that one that goes on after its end is not the same
+ * as a longer one. Errors: those of sg_attack_create; SG_ERR_INPUT if the file is not a checkpoint
+ * of this scene and attack, or is one with other parameters. */
 SG_API int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
                             const struct sg_attack_params *params, sg_attack **out);
 SG_API void sg_attack_destroy(sg_attack **attack);

@@ -74,7 +74,7 @@ struct sg_defense_params {
     /* Iterations in which an anchor that has grown stays, 0..1e9. Default 0. */
     int grace;
     enum sg_filter_unseen unseen; /* Default SG_UNSEEN_FIRST. */
-    enum sg_hit hit;              /* Default SG_HIT_PIXELS. */
+    enum sg_hit hit;              /* Not SG_HIT_TRANSMITTANCE. Default SG_HIT_PIXELS. */
     enum sg_prune_rule rule;      /* Default SG_PRUNE_EXACT. */
     enum sg_prune_views sample;   /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */

@@ -82,9 +82,10 @@ SG_API int sg_model_set_array(sg_ctx *ctx, struct sg_model *model, const char *f
                               const float *values, size_t row_stride);
 
 /* Initial Gaussians at points (Kerbl et al. 2023, section 5.1): isotropic, scale = RMS distance to
- * the exact 3 nearest other points, opacity 0.1, active degree 0. xyz: n x 3; rgb: n x 3. Errors:
- * SG_ERR_INPUT for fewer than 4 points and positions that are not finite, SG_ERR_USAGE for the
- * degree, SG_ERR_BUDGET. The caller owns *out. */
+ * the 3 nearest other points (found exactly, but for points placed to make the search slow),
+ * opacity 0.1, active degree 0. xyz: n x 3; rgb: n x 3. Errors: SG_ERR_INPUT for fewer than 4
+ * points and positions that are not finite, SG_ERR_USAGE for the degree, SG_ERR_BUDGET. The caller
+ * owns *out. */
 SG_API int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size_t n,
                                 int sh_degree, struct sg_model **out);
 

@@ -35,7 +35,8 @@ struct sg_run_params {
     const char *init;             /* run or model file to start from; NULL = points of the scene */
     struct sg_scene_params scene; /* eval: the test views are held out and measured */
     /* tolerance, and rho, rho_least, frequency and lambda of its defense may be SG_TOLERANCE_AUTO
-     * or SG_TOLERANCE_PRESET and SG_PRESET_*: the default. */
+     * or SG_TOLERANCE_PRESET and SG_PRESET_*: the default. The run itself sets white_background,
+     * which is the scene's, tolerances, seconds_before and defense.view_weights. */
     struct sg_train_params train;
     enum sg_run_preset preset; /* Default SG_RUN_PRESET_AUTO. */
     enum sg_run_audit audit;   /* Default SG_RUN_AUDIT_OFF. */

@@ -21,7 +21,7 @@ enum sg_train_strategy {
     SG_STRATEGY_MCMC,    /* relocates, adds up to a cap, explores (Kheradmand et al. 2024) */
     /* The default, and LightGaussian during training (Fan et al. 2024): at 8/15 and 12/15 of the
      * iterations its score removes 50 % and 40 %, and every 1000 iterations the rates shrink by
-     * 3 %. */
+     * 3 %, that of positions for one iteration. */
     SG_STRATEGY_LIGHTGAUSSIAN
 };
 
@@ -157,7 +157,7 @@ struct sg_train_params {
     bool keep_filter;
     int sh_degree;          /* 0..3. Default 3. */
     int sh_interval;        /* iterations between degree raises, 1..10 million. Default 1000. */
-    bool white_background;  /* Default false. */
+    bool white_background;  /* As the scene was loaded. Default false. */
     bool random_background; /* a random colour each iteration. Default false. */
     float lambda_dssim;     /* weight of 1 - SSIM, 0..1. Default 0.2. */
     /* The loss compares a render with the nearest image that differs from the photo by at most
@@ -176,10 +176,10 @@ struct sg_train_params {
      * bound of a poison get it too. 0..1e9, 0 = never, -1 = a tenth of densify_until_iter, or of
      * iterations if there are fewer. Default -1. */
     int tolerance_look;
-    /* A tolerance hides gradients, so that fewer Gaussians grow. SG_STRATEGY_DEFAULT multiplies
-     * densify_grad_threshold by this times the share of the differences that the tolerances do not
-     * hide, as the newest look has found it, but at least by 0.6 and at most by 1. 0..1000,
-     * 0 = off. Default 2. */
+    /* A tolerance hides gradients, so that fewer Gaussians grow. All strategies but
+     * SG_STRATEGY_MCMC multiply densify_grad_threshold by this times the share of the differences
+     * that the tolerances do not hide, as the newest look has found it, but at least by 0.6 and at
+     * most by 1. 0..1000, 0 = off. Default 2. */
     float tolerance_growth;
     /* The loss of photos with a tolerance, in the last tenth of the iterations: weight of the mean
      * squared difference from the photo itself after a low-pass filter. So contrast below the
