@@ -26,11 +26,12 @@ for file in point_cloud/iteration_$last/point_cloud.ply checkpoint.bin; do
 done
 
 # Of anchors, which have no scores.
-rm address
+rm address looker
 anchors="scene/blender $(once $short --iterations $((last * 3 / 2)) --init-points 200 --model scaffold --anchors-from-iter 40 --voxel-size 0.02)"
 # shellcheck disable=SC2086
 look look --anchors & # first: the training takes a second
 looker=$!
+wait_for looker
 "$tool" train $anchors -o anchors-seen --view >address 2>err &
 train=$!
 wait $looker || fail "looking on anchors"
@@ -40,10 +41,11 @@ expect 0 train $anchors -o anchors-plain
 cmp anchors-plain/checkpoint.bin anchors-seen/checkpoint.bin || fail "another checkpoint of anchors with the view"
 
 # Stopped by the page, with everything saved.
-rm address
+rm address looker
 # shellcheck disable=SC2086
 look stop &
 looker=$!
+wait_for looker
 "$tool" train $options -o stopped --view >address 2>err &
 train=$!
 wait $looker || fail "stopping"

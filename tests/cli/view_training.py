@@ -40,6 +40,8 @@ def picture(kind, view):
     return get("picture?kind=%d&view=%d&scale=1&still=1&%s" % (kind, view, pose))
 
 
+with open("looker", "w") as file:
+    file.write("is ready")
 until(lambda: os.path.exists(path) and os.path.getsize(path), "no address")
 with open(path) as file:
     address = file.read().strip()
