@@ -441,7 +441,7 @@ static void test_version(void **state)
     seal(f->data, f->size);
     spill(f->path, f->data, f->size);
     expect_refusal(f, "version 7");
-    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 11"));
+    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 12"));
 }
 
 /* Of some sections no run can write values below 0, and of some of these all are finite. */

@@ -226,6 +226,14 @@ static void test_renewal(void **state)
             sg_trainer_destroy(&t);
         }
     }
+    struct sg_train_params p = short_params(); /* that grows until it settles at 36 */
+    p.model = SG_MODEL_MIP;
+    p.densify_until_iter = 1000, p.mip.interval = 1, p.tolerance = 8;
+    sg_trainer *t = begin_training(&f, &p);
+    for (int it = 1; it <= 38; it++)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    assert_true(follows(&f, t));
+    sg_trainer_destroy(&t);
     clear_fixture(&f);
 }
 

@@ -40,8 +40,30 @@ static void test_beyond_the_end(void **state)
     struct sg_model *whole = train(&f, &p, 30, NULL, NULL, NULL);
     p.iterations = 17;
     sg_trainer *t = begin_training(&f, &p);
-    for (int it = 1; it <= 21; it++)
+    for (int more = 0; more < 2; more++) {
+        if (more)
+            t = resume_training(&f, &p, path);
+        for (int k = more ? 2 : 21; k > 0; k--)
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        sg_trainer_destroy(&t);
+        p.iterations = 30;
+        struct sg_model *longer = train(&f, &p, 30, NULL, path, NULL);
+        assert_same(longer, whole);
+        sg_model_destroy(&longer);
+        p.iterations = 17;
+    }
+    /* With fewer iterations than it has done already nothing is idle yet. */
+    p.iterations = 30;
+    t = begin_training(&f, &p);
+    for (int it = 1; it <= 20; it++)
         assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    for (int fewer = 20; fewer >= 9; fewer -= 11) {
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        sg_trainer_destroy(&t);
+        p.iterations = fewer;
+        t = resume_training(&f, &p, path);
+    }
     assert_int_equal(sg_trainer_save(t, path), SG_OK);
     sg_trainer_destroy(&t);
     p.iterations = 30;
@@ -198,6 +220,11 @@ static void test_schedule(void **state)
     assert_false(sg_densifies(&p, 15000 - 1, 15000));
     assert_false(sg_resets_opacity(&p, 499, 500));
     assert_true(sg_resets_opacity(&white, 499, 500));
+    struct sg_train_params other = p; /* that has no resets */
+    other.strategy = SG_STRATEGY_MCMC;
+    assert_false(sg_resets_opacity(&other, 2999, 3000));
+    other.strategy = p.strategy, other.model = SG_MODEL_SCAFFOLD;
+    assert_false(sg_resets_opacity(&other, 2999, 3000));
     assert_true(sg_resets_opacity(&p, 2999, 3000) && sg_resets_opacity(&p, 11999, 12000));
     assert_false(sg_resets_opacity(&p, 14999, 15000));
     const struct sg_train_params brief = {SG_TRAIN_DEFAULTS, .iterations = 12000};

@@ -325,8 +325,9 @@ SG_API int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene,
  * more iterations: its last iteration, which changed nothing, is done again. (Not the same are
  * looks and settling of tolerances, rates of exposures, renewals of 3D filters and LightGaussian's
  * removals, which follow the number of iterations.) Limits, engine and sh_degree may differ, and
- * then the bytes do. If the photos have changed since the file was saved, tolerance, rho,
- * rho_least, frequency and lambda may differ too. Errors: those of sg_trainer_create; SG_ERR_INPUT
+ * then the bytes do. If the photos have changed since the file was saved, tolerance,
+ * tolerances, rho, rho_least, frequency, lambda and view_weights may differ too; tolerances of each
+ * photo stay those of the file. Errors: those of sg_trainer_create; SG_ERR_INPUT
  * if the file is not a checkpoint of this scene and run, or is one with other parameters. */
 SG_API int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
                              const struct sg_train_params *params, sg_trainer **out);

@@ -17,7 +17,7 @@
 #include "schedule.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\13" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\14" /* the last byte is the version */
 
 /* of struct sg_train_params; counting beyond it does not overflow */
 #define MAX_ITERATION 10000000
@@ -261,19 +261,18 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     if (code || (code = sg_engine_read_exposures(t->engine)) ||
         (code = sg_file_create(ctx, &w, path)))
         goto done;
-    /* Steps after the last one have changed nothing. */
-    const bool ended = t->identity.kind == SG_RUN_TRAINING && t->iteration >= t->params.iterations;
-    const int beyond = ended ? t->iteration - t->params.iterations : 0;
+    /* Of the steps that changed nothing the first is the end. */
+    const bool ended = t->idle > 0;
     struct sg_checkpoint_header h = {
         .count = m.count,
         .sh_degree = m.sh_degree,
-        .iteration = t->iteration - beyond,
+        .iteration = ended ? t->idle_from : t->iteration,
         .start_degree = t->start_degree,
         .cameras = cameras_hash(t->scene),
         .seed = t->params.seed,
         .views = t->scene->n_train,
         .extent = t->extent,
-        .steps = t->steps - beyond,
+        .steps = t->steps - (ended ? t->idle - 1 : 0),
         .spent =
             t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
         .noise = t->noise,
@@ -679,6 +678,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     t->start_degree = h->start_degree;
     t->iteration = h->iteration - again;
     t->steps = h->steps - again;
+    t->idle = h->ended && !again, t->idle_from = t->iteration;
     t->spent += h->spent;
     t->noise = h->noise, t->beyond = h->beyond;
     t->smooths = h->smooths && t->tolerances;

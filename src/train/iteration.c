@@ -146,8 +146,9 @@ int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct
     return code;
 }
 
-/* Whether a look falls into the iterations after `before`, up to `it`. Where opacity is reset it is
- * one earlier: after a reset there is little to see. Nothing learns from a look in the last one. */
+/* Whether a look falls into the iterations after `before`, up to `it`. Where the schedule
+ * resets opacity it is one earlier: after a reset there is little to see. Nothing learns from a
+ * look in the last one. */
 static bool is_look(const struct sg_train_params *p, int before, int it)
 {
     const int grows = p->densify_until_iter < p->iterations ? p->densify_until_iter : p->iterations,
@@ -233,6 +234,8 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
 
     t->iteration = it;
     t->steps++;
+    t->idle_from = last && !t->idle ? it : t->idle_from;
+    t->idle += last;
     if (out) {
         if ((code = sg_engine_read_arrived(t->engine, false, &result)))
             return code;

@@ -76,12 +76,15 @@ static const struct sg_strategy *strategy_of(const struct sg_train_params *p)
 }
 
 /* See tolerance_low_pass. */
-static int settles_from(const struct sg_train_params *p, size_t n_views)
+static int settles_from(const sg_trainer *t)
 {
-    bool tolerates = !p->tolerances && p->tolerance > 0;
-    for (size_t i = 0; p->tolerances && i < n_views; i++)
-        tolerates |= p->tolerances[i] > 0;
-    return tolerates && p->tolerance_low_pass > 0 ? p->iterations - p->iterations / 10 : INT_MAX;
+    const struct sg_train_params *p = &t->params;
+    bool tolerates = !t->tolerances && p->tolerance > 0;
+    for (size_t i = 0; t->tolerances && i < t->scene->n_train; i++)
+        tolerates |= t->tolerances[i] > 0;
+    return tolerates && p->tolerance_low_pass > 0 && !t->strategy->whole && !t->smooths
+               ? p->iterations - p->iterations / 10
+               : INT_MAX;
 }
 
 static const struct sg_shape mip_shape = {
@@ -224,7 +227,6 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     t->strategy = start->strategy ? start->strategy : strategy_of(&t->params);
     t->photos_hash = sg_photos_hash(scene);
     t->beyond = 1;
-    t->settles_from = t->strategy->whole ? INT_MAX : settles_from(&t->params, scene->n_train);
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
     t->identity =
         start->identity ? *start->identity : sg_train_identity(&t->params, scene->n_train);
@@ -237,8 +239,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
         (code = set_model(t)) || (code = begin(t, start, &saved)) || (code = hold_photos(t)))
         goto done;
-    if (t->smooths)
-        t->settles_from = INT_MAX;
+    t->settles_from = settles_from(t);
 done:
     sg_checkpoint_close(&saved);
     if (code)
