@@ -54,6 +54,19 @@ json_t *options_merge(const json_t *const *lists, int n)
     return out;
 }
 
+/* Anywhere in a value. */
+static bool has_text(const json_t *value, const char *text)
+{
+    const char *key, *own = json_string_value(value);
+    const json_t *inner;
+    bool has = own && !strcmp(own, text);
+    for (size_t i = 0; i < json_array_size(value); i++)
+        has = has || has_text(json_array_get(value, i), text);
+    json_object_foreach((json_t *) (uintptr_t) value, key, inner) has =
+        has || has_text(inner, text);
+    return has;
+}
+
 static bool has_option(const json_t *options, const char *name)
 {
     for (size_t i = 0; i < json_array_size(options); i++)
@@ -89,8 +102,8 @@ struct print {
     uint64_t sum;     /* of each file's checksum: files come in any order */
     const char *root; /* of the scene, without links */
     size_t length;    /* of root */
-    bool leaves;   /* also reads what links out of the scene lead to, as the scene's options do */
-    char **behind; /* folders that only links lead to */
+    bool leaves;      /* also reads what links out of the scene lead to */
+    char **behind;    /* folders that only links lead to */
     size_t n_behind;
     bool no_memory;
 };
@@ -106,10 +119,12 @@ static const char *name_of(const struct print *p, const char *path)
     return is_inside(p, path) ? path + p->length : path;
 }
 
-/* One that cannot be read counts with its name. */
-static void add_file(const char *path, const char *name, bool readable, struct print *p)
+/* One that cannot be read counts with its name, and so does what is no file of a disk: /proc tells
+ * no sizes, or ones that no disk has. st: or NULL. */
+static void add_file(const char *path, const char *name, const struct stat *st, struct print *p)
 {
     static char part[1 << 16];
+    const bool readable = st && S_ISREG(st->st_mode) && st->st_size > 0 && st->st_size >> 40 == 0;
     XXH3_state_t hash;
     XXH3_64bits_reset(&hash);
     XXH3_64bits_update(&hash, name, strlen(name) + 1);
@@ -122,6 +137,17 @@ static void add_file(const char *path, const char *name, bool readable, struct p
     p->sum += XXH3_64bits_digest(&hash);
 }
 
+#define DEEPEST 8 /* folders below a scene, or below one that a link leads to */
+
+/* there: a name below the scene. */
+static bool is_come_to(const char *there)
+{
+    int folders = 0;
+    for (const char *c = there; *c; c++)
+        folders += *c == '/';
+    return folders < DEEPEST && !strstr(there, "/.");
+}
+
 /* A link to a folder counts with both names. What is in the folder counts once, under the names
  * that it has without links, so that links may lead around in circles. */
 static void add_link(const char *path, const char *name, struct print *p)
@@ -130,9 +156,11 @@ static void add_link(const char *path, const char *name, struct print *p)
     struct stat st;
     if (!realpath(path, target) || stat(target, &st))
         return;
-    const bool inside = is_inside(p, target), reads = inside || p->leaves;
+    const size_t length = strlen(target);
+    const bool inside = is_inside(p, target), reads = inside || p->leaves,
+               around = !strncmp(p->root, target, length) && p->root[length] == '/';
     if (!S_ISDIR(st.st_mode)) {
-        add_file(target, name, S_ISREG(st.st_mode) && reads, p);
+        add_file(target, name, reads ? &st : NULL, p);
         return;
     }
     const char *there = name_of(p, target);
@@ -141,8 +169,8 @@ static void add_link(const char *path, const char *name, struct print *p)
     XXH3_64bits_update(&hash, name, strlen(name) + 1);
     XXH3_64bits_update(&hash, there, strlen(there) + 1);
     p->sum += XXH3_64bits_digest(&hash);
-    if (!reads || (inside && !strstr(there, "/.")))
-        return; /* or come to by its own name */
+    if (!reads || around || !strcmp(target, "/") || (inside && is_come_to(there)))
+        return;
     for (size_t i = 0; i < p->n_behind; i++)
         if (!strcmp(p->behind[i], target))
             return;
@@ -158,7 +186,7 @@ static void add_link(const char *path, const char *name, struct print *p)
 /* path: without links. */
 static void add_folder(const char *path, int depth, struct print *p)
 {
-    DIR *d = depth < 8 ? opendir(path) : NULL;
+    DIR *d = depth < DEEPEST ? opendir(path) : NULL;
     for (struct dirent *e; d && (e = readdir(d));) {
         char child[PATH_MAX];
         struct stat st;
@@ -171,7 +199,7 @@ static void add_folder(const char *path, int depth, struct print *p)
         else if (S_ISDIR(st.st_mode))
             add_folder(child, depth + 1, p);
         else
-            add_file(child, name_of(p, child), S_ISREG(st.st_mode), p);
+            add_file(child, name_of(p, child), &st, p);
     }
     if (d)
         closedir(d);
@@ -233,8 +261,7 @@ static int add_scene(struct reader *r, const char *name)
     } else {
         char path[PATH_MAX];
         char whole[PATH_MAX]; /* one scene is one configuration, however its path is spelled */
-        struct print p = {.root = whole,
-                          .leaves = has_option(json_object_get(scene, "size"), "--follow-links")};
+        struct print p = {.root = whole, .leaves = r->follows_links};
         const char *at = json_string_value(json_object_get(scene, "path"));
         snprintf(path, sizeof(path), "%s%s%s", *at == '/' ? "" : r->data, *at == '/' ? "" : "/",
                  at);
@@ -548,6 +575,7 @@ int plan_read(struct plan *p, const char *path, const char *data, int shard, int
                        .shards = shards,
                        .parts = json_object()};
     int code = plan_check(&r);
+    r.follows_links = has_text(p->root, "--follow-links");
     const json_t *runs = json_object_get(p->root, "runs");
     for (size_t i = 0; i < json_array_size(runs) && !code; i++)
         code = add_block(&r, json_array_get(runs, i));

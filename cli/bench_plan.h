@@ -14,6 +14,7 @@ struct reader {
     int shard, shards, capacity;
     json_t *parts;       /* scenes and photos: the shard of each */
     int poisons, cleans; /* among them */
+    bool follows_links;  /* some options have --follow-links */
     int code;            /* why a job could not be added, which has been said */
 };
 

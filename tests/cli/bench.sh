@@ -264,6 +264,12 @@ echo 6 >outside/photo
 for plan in follows stays; do jobs_of $plan changed; done
 other_jobs follows outside changed
 cmp -s stays.outside stays.changed || fail "what links lead to is read without --follow-links"
+rm linked/images && ln -s a/b/c/d/e/f/g/h linked/images && ln -s .. linked/up && ln -s /proc/self linked/process
+mkdir -p linked/a/b/c/d/e/f/g/h && echo 7 >linked/images/photo
+timeout 60 "$tool" bench follows.json --list >out || fail "links out of a scene: exit status $?"
+rm linked/process
+jobs_of follows deep && jobs_of follows again && cmp -s follows.deep follows.again || fail "a scene changes by itself"
+echo 8 >linked/images/photo && jobs_of follows deeper && other_jobs follows deep deeper
 
 # Parts of a plan are all of it; a script for a cluster.
 plan plan.json $n ''
