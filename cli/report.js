@@ -188,9 +188,9 @@ const pictured = chosen => chosen.filter(r => r.pictures && r.pictures.render)
 function spectra(id, title, kind, chosen, point, low, at) {
     const list = [];
     for (const r of pictured(chosen)) {
-        const of = (what, defense) => ({name: `${r.photos}, ${defense}`, defense, dashed: r.photos === 'clean',
+        const of = (what, defense) => ({name: `${r.photos}, ${defense}`, photos: r.photos, defense, dashed: r.photos === 'clean',
             points: (r.pictures[what][kind] || []).map(point).filter(p => isFinite(p[1]))});
-        if (r.pictures.photo && !list.some(l => l.name === `${r.photos}, ${photosName}`))
+        if (r.pictures.photo && !list.some(l => l.defense === photosName && l.photos === r.photos))
             list.push(of('photo', photosName));
         list.push(of('render', r.defense));
     }

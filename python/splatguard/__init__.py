@@ -483,8 +483,11 @@ def _defended(scene, audit, params):
         names = [image["name"] for image in audit["images"]]
         found = dict(audit["defense"])
         own = {name: found.pop(name) for name in ("tolerances", "view_weights")}
-    except (KeyError, TypeError, ValueError) as e:
+    except KeyError as e:
         raise UsageError(f"audit: found no {e}, expected a result of audit(scene)") from None
+    except (TypeError, ValueError):
+        raise UsageError("audit: found lists or names of other types, expected a result of "
+                         "audit(scene)") from None
     for k, (name, expected) in enumerate(zip(names, scene._names)):
         if name != expected:
             raise UsageError(f"audit: found {name!r} as photo {k}, expected {expected!r}")

@@ -634,6 +634,8 @@ def test_what_an_audit_decides(noise):
                          ({**found, "images": found["images"][:3]}, "audit: found 3 photos, expected 4"),
                          ({**found, "images": found["images"] * 2}, "audit: found 8 photos, expected 4"),
                          ({"defense": found["defense"]}, "audit: found no 'images', expected"),
+                         ({**found, "images": 5}, "audit: found lists or names of other types"),
+                         ({**found, "defense": "abc"}, "audit: found lists or names of other types"),
                          ({**found, "defense": {}}, "audit: found no 'tolerances', expected")):
         with pytest.raises(sg.UsageError, match=match):
             sg.train(scene, audit=wrong, **few)
