@@ -437,6 +437,12 @@ static void unseen_is_what_no_view_shows(void **state)
         assert_int_equal(r.unseen[0], expected);
         sg_model_destroy(&left);
     }
+    const struct sg_prune_params p = params_of(SG_PRUNER_LIGHTGAUSSIAN);
+    double score[MOST];
+    for (int axis = 0; axis < 3; axis++) /* a volume that overflows */
+        *sg_model_at(m, 20, SG_P_SCALE + axis) = 300;
+    assert_int_equal(sg_prune_scores(f.ctx, &f.scene, m, &p, score), SG_OK);
+    assert_true(score[20] == 0);
     f.scene.n_train = VIEWS;
     sg_model_destroy(&m);
     clear_fixture(&f);
