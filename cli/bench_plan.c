@@ -62,8 +62,10 @@ static bool has_text(const json_t *value, const char *text)
     bool has = own && !strcmp(own, text);
     for (size_t i = 0; i < json_array_size(value); i++)
         has = has || has_text(json_array_get(value, i), text);
-    json_object_foreach((json_t *) (uintptr_t) value, key, inner) has =
-        has || has_text(inner, text);
+    json_object_foreach((json_t *) (uintptr_t) value, key, inner)
+    {
+        has = has || has_text(inner, text);
+    }
     return has;
 }
 
