@@ -75,6 +75,16 @@ static void test_beyond_the_end(void **state)
     clear_fixture(&f);
 }
 
+/* A run that goes on from the file has the bytes of one that was not interrupted. */
+static void assert_resumes(struct fixture *f, const struct sg_train_params *p, const char *path)
+{
+    struct sg_model *whole = train(f, p, 40, path, NULL, NULL);
+    struct sg_model *resumed = train(f, p, 40, NULL, path, NULL);
+    assert_same(resumed, whole);
+    sg_model_destroy(&whole);
+    sg_model_destroy(&resumed);
+}
+
 /* Numbers of each photo are parameters of a run. */
 static void test_numbers_of_photos(void **state)
 {
@@ -87,11 +97,7 @@ static void test_numbers_of_photos(void **state)
     sg_trainer *t;
     p.defense.on = true;
     p.tolerances = tolerances, p.defense.view_weights = weights;
-    struct sg_model *whole = train(&f, &p, 40, path, NULL, NULL);
-    struct sg_model *resumed = train(&f, &p, 40, NULL, path, NULL);
-    assert_same(resumed, whole);
-    sg_model_destroy(&whole);
-    sg_model_destroy(&resumed);
+    assert_resumes(&f, &p, path);
     for (int k = 0; k < 4; k++) {
         other = p;
         if (k < 2)
@@ -112,11 +118,7 @@ static void test_resume(void **state)
     char path[] = "/tmp/sg_checkpoint_XXXXXX";
     close(mkstemp(path));
     struct fixture f = make_fixture(2);
-    struct sg_model *whole = train(&f, &p, 40, path, NULL, NULL);
-    struct sg_model *resumed = train(&f, &p, 40, NULL, path, NULL);
-    assert_same(resumed, whole);
-    sg_model_destroy(&whole);
-    sg_model_destroy(&resumed);
+    assert_resumes(&f, &p, path);
 
     /* Altered or cut checkpoints are refused and leave the trainer usable. */
     FILE *file = fopen(path, "rb");

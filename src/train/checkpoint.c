@@ -261,18 +261,18 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     if (code || (code = sg_engine_read_exposures(t->engine)) ||
         (code = sg_file_create(ctx, &w, path)))
         goto done;
-    /* Of the steps that changed nothing the first is the end. */
-    const bool ended = t->idle > 0;
+    /* Of the steps that changed nothing the first is the end; each after it is one iteration. */
+    const uint64_t beyond = t->idle > 0 ? t->idle - 1 : 0;
     struct sg_checkpoint_header h = {
         .count = m.count,
         .sh_degree = m.sh_degree,
-        .iteration = ended ? t->idle_from : t->iteration,
+        .iteration = t->iteration - (int) beyond,
         .start_degree = t->start_degree,
         .cameras = cameras_hash(t->scene),
         .seed = t->params.seed,
         .views = t->scene->n_train,
         .extent = t->extent,
-        .steps = t->steps - (ended ? t->idle - 1 : 0),
+        .steps = t->steps - beyond,
         .spent =
             t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
         .noise = t->noise,
@@ -284,7 +284,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
         .parameters = t->identity.parameters,
         .strength = t->identity.strength,
         .kind = t->identity.kind,
-        .ended = ended,
+        .ended = t->idle > 0,
         .sections = (t->strategy->state_bytes > 0) + (networks_bytes(t) > 0)};
     for (int c = 0; c < SG_COLUMNS; c++)
         h.sections += is_saved(t, c);
@@ -678,7 +678,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     t->start_degree = h->start_degree;
     t->iteration = h->iteration - again;
     t->steps = h->steps - again;
-    t->idle = h->ended && !again, t->idle_from = t->iteration;
+    t->idle = h->ended && !again;
     t->spent += h->spent;
     t->noise = h->noise, t->beyond = h->beyond;
     t->smooths = h->smooths && t->tolerances;

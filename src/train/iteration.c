@@ -234,7 +234,6 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
 
     t->iteration = it;
     t->steps++;
-    t->idle_from = last && !t->idle ? it : t->idle_from;
     t->idle += last;
     if (out) {
         if ((code = sg_engine_read_arrived(t->engine, false, &result)))

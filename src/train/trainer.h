@@ -21,7 +21,6 @@ struct sg_trainer {
     int iteration;
     uint64_t steps; /* equal to `iteration`, unless time is short */
     uint64_t idle;  /* of them, the newest: those from the last iteration on, which move nothing */
-    int idle_from;  /* the iteration of the first of these */
     double spent;   /* seconds of the steps before the clock's `started` */
     double started, step_begun;
     double first_begun; /* the first step of this process */
