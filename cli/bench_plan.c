@@ -69,14 +69,6 @@ static bool has_text(const json_t *value, const char *text)
     return has;
 }
 
-static bool has_option(const json_t *options, const char *name)
-{
-    for (size_t i = 0; i < json_array_size(options); i++)
-        if (!strcmp(json_string_value(json_array_get(options, i)), name))
-            return true;
-    return false;
-}
-
 uint64_t splitmix(uint64_t x)
 {
     x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
@@ -110,15 +102,10 @@ struct print {
     bool no_memory;
 };
 
-static bool is_inside(const struct print *p, const char *path)
-{
-    return !strncmp(path, p->root, p->length) && (path[p->length] == '/' || !path[p->length]);
-}
-
 /* path: without links. */
 static const char *name_of(const struct print *p, const char *path)
 {
-    return is_inside(p, path) ? path + p->length : path;
+    return is_below(path, p->root) ? path + p->length : path;
 }
 
 /* One that cannot be read counts with its name, and so does what is no file of a disk: /proc tells
@@ -158,9 +145,7 @@ static void add_link(const char *path, const char *name, struct print *p)
     struct stat st;
     if (!realpath(path, target) || stat(target, &st))
         return;
-    const size_t length = strlen(target);
-    const bool inside = is_inside(p, target), reads = inside || p->leaves,
-               around = !strncmp(p->root, target, length) && p->root[length] == '/';
+    const bool inside = is_below(target, p->root), reads = inside || p->leaves;
     if (!S_ISDIR(st.st_mode)) {
         add_file(target, name, reads ? &st : NULL, p);
         return;
@@ -171,8 +156,8 @@ static void add_link(const char *path, const char *name, struct print *p)
     XXH3_64bits_update(&hash, name, strlen(name) + 1);
     XXH3_64bits_update(&hash, there, strlen(there) + 1);
     p->sum += XXH3_64bits_digest(&hash);
-    if (!reads || around || !strcmp(target, "/") || (inside && is_come_to(there)))
-        return;
+    if (!reads || is_below(p->root, target) || (inside && is_come_to(there)))
+        return; /* the folders around the scene are not its own */
     for (size_t i = 0; i < p->n_behind; i++)
         if (!strcmp(p->behind[i], target))
             return;
@@ -332,7 +317,7 @@ static bool name_preset(struct reader *r, const char *scene, const struct comman
 /* Of what draws, unless its options name one. */
 static void add_engine(const struct plan *p, json_t *options)
 {
-    if (p->engine && !has_option(options, "--engine")) {
+    if (p->engine && !has_text(options, "--engine")) {
         json_array_append_new(options, json_string("--engine"));
         json_array_append_new(options, json_string(p->engine));
     }

@@ -111,8 +111,7 @@ static int check_outside(const struct plan *p, const char *path)
         return STATUS_DONE; /* opening it says what is wrong */
     for (int i = 0; i < p->n; i++) {
         const char *scene = json_string_value(json_object_get(p->jobs[i].config, "path"));
-        const size_t n = scene ? strlen(scene) : 0;
-        if (scene && !strncmp(whole, scene, n) && (!whole[n] || whole[n] == '/')) {
+        if (scene && is_below(whole, scene)) {
             say(stderr,
                 "splatguard bench: %s: found it in the folder of scene %s, expected it "
                 "outside of %s\n",

@@ -72,9 +72,7 @@ static int compare_names(const void *a, const void *b)
 static bool leads_out(const char *folder, const char *path)
 {
     char *above = realpath(folder, NULL), *place = realpath(path, NULL);
-    const size_t n = above ? strlen(above) : 0;
-    const bool inside =
-        above && place && !strncmp(place, above, n) && (place[n] == '/' || above[n - 1] == '/');
+    const bool inside = above && place && strcmp(place, above) != 0 && is_below(place, above);
     free(above);
     free(place);
     return !inside;

@@ -9,6 +9,12 @@
 
 #include "commands.h"
 
+bool is_below(const char *path, const char *folder)
+{
+    const size_t n = strlen(folder);
+    return !strncmp(path, folder, n) && (!path[n] || path[n] == '/' || folder[n - 1] == '/');
+}
+
 int take_scene(const struct command *c, const char *place, const char **source)
 {
     if (*source) {
