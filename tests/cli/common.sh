@@ -61,6 +61,9 @@ wait_until() {
 # Until a file of a tool in the background has something in it.
 wait_for() { wait_until test -s "$1"; }
 
+# Whether a tool in the background has printed its page's address to a file, or has said why there is none.
+has_page() { [ -s "$1" ] || grep -q 'no HTTP server' err; }
+
 # Until a tool in the background has a handler for SIGTERM (a bit of SigCgt). Before that, or before the shell has become the
 # tool, a signal would be lost.
 catches() {

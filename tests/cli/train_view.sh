@@ -12,7 +12,7 @@ expect 1 train scene/blender -o run --port 8000; says '--port'
 # shellcheck disable=SC2086
 "$tool" train $options -o seen --view >address 2>err &
 train=$!
-until [ -s address ] || grep -q 'no HTTP server' err; do sleep 0.1; done
+wait_until has_page address
 [ -s address ] || { echo "skipped: no libmicrohttpd"; exit 77; }
 command -v python3 >/dev/null || { echo "skipped: no Python"; exit 77; }
 look() { python3 "$source_dir/tests/cli/view_training.py" address "$@"; }

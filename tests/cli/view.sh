@@ -11,7 +11,7 @@ points=100000
 expect 0 train scene/blender -o run --iterations 30 --init-points $points -q --eval
 "$tool" view run >out 2>err &
 view=$!
-until [ -s out ] || grep -q 'no HTTP server' err; do sleep 0.1; done
+wait_until has_page out
 [ -s out ] || { echo "skipped: no libmicrohttpd"; exit 77; }
 interrupt "$view" || fail "the view ends with $?"
 ! ldd "$program" | grep microhttpd || fail "every command loads the HTTP server"
