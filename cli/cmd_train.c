@@ -66,6 +66,21 @@ static void defaults(void *config)
     *(struct train_config *) config = (struct train_config){.run = sg_run_params_default()};
 }
 
+/* Plans give these to runs of all kinds: not refused. */
+static void warn_idle(const struct train_config *c, const bool *given)
+{
+    const struct command *t = &command_train;
+    const struct sg_train_params *p = &c->run.train;
+    const bool scaffold = p->model == SG_MODEL_SCAFFOLD, mcmc = p->strategy == SG_STRATEGY_MCMC;
+    if (!c->run.scene.eval && options_given(t, given, T(run.eval_every)))
+        warn_unused("eval-every", "without --eval");
+    if (scaffold && options_given(t, given, T(run.train.sh_interval)))
+        warn_unused("sh-interval", "with --model scaffold");
+    if ((scaffold || mcmc) && options_given(t, given, T(run.train.opacity_reset_interval)))
+        warn_unused("opacity-reset-interval",
+                    scaffold ? "with --model scaffold" : "with --strategy mcmc");
+}
+
 static int check_options(const struct train_config *c, const bool *given)
 {
     if (!c->view && options_given(&command_train, given, T(port))) {
@@ -81,9 +96,7 @@ static int check_options(const struct train_config *c, const bool *given)
             return STATUS_USAGE;
         }
     }
-    /* A plan's proxies have these without --eval: not refused. */
-    if (!c->run.scene.eval && options_given(&command_train, given, T(run.eval_every)))
-        warn_unused("eval-every", "without --eval");
+    warn_idle(c, given);
     if (c->run.audit == SG_RUN_AUDIT_DEFEND && !c->run.train.defense.on &&
         options_given(&command_train, given, T(run.train.defense.on))) {
         say(stderr, "splatguard train: --defense off and --audit defend exclude each other\n");

@@ -27,6 +27,12 @@ expect 1 trian; says 'unknown command "trian"; did you mean train?'
 expect 1 help evl; says 'did you mean eval?'
 expect 1 rend; says 'did you mean render?'
 expect 2 train nowhere -o none --eval-every 5; says 'warning: --eval-every has no effect without --eval'
+expect 2 train nowhere -o none --sh-interval 5 --opacity-reset-interval 5 --model scaffold
+says 'warning: --sh-interval has no effect with --model scaffold'
+says 'warning: --opacity-reset-interval has no effect with --model scaffold'
+expect 2 train nowhere -o none --sh-interval 5 --opacity-reset-interval 5 --strategy mcmc
+says 'warning: --opacity-reset-interval has no effect with --strategy mcmc'
+! grep -q 'sh-interval' err || fail "--sh-interval with --strategy mcmc warns: $(cat err)"
 expect 2 train nowhere -o none --eval-every 5 --eval
 grep -q 'warning' err && fail "--eval-every with --eval warns: $(cat err)"
 expect 1 train nowhere -o none --save_iterations 7000; says 'unknown option --save_iterations; --save-every N'
