@@ -21,7 +21,7 @@
 #include "synth_scene.h"
 
 static char root[] = "/tmp/sg-run-XXXXXX";
-static char scene[64];
+static char scene[64], with_points[64]; /* the latter begins with its own, not with 100 000 */
 
 static char *at(const char *name)
 {
@@ -46,6 +46,7 @@ static int set_up(void **state)
         make_synth_scene(root, sg_synth_params(.width = 40, .height = 32, .train_views = 6,
                                                .test_views = 2, .points = 100, .samples = 1));
     snprintf(scene, sizeof(scene), "%s/scene/blender", root);
+    snprintf(with_points, sizeof(with_points), "%s/scene/colmap", root);
     return code;
 }
 
@@ -427,7 +428,7 @@ static void test_attack(void **state)
     struct sg_attack_run_status s;
     struct sg_attack_run_params p = sg_attack_run_params_default(), back;
     int stop = 3;
-    p.source = scene, p.folder = at("poisoned");
+    p.source = with_points, p.folder = at("poisoned");
     p.attack.iterations = 6, p.attack.inner = 2;
     p.proxy_iterations = 8;
     p.step = stop_attack, p.step_priv = &stop;
@@ -458,7 +459,7 @@ static int stop_proxy(void *priv, const struct sg_train_step *step)
 static struct sg_attack_run_params short_attack(const char *folder)
 {
     struct sg_attack_run_params p = sg_attack_run_params_default();
-    p.source = scene, p.folder = folder;
+    p.source = with_points, p.folder = folder;
     p.attack.iterations = 6, p.attack.inner = 2, p.attack.update_interval = 2;
     p.proxy_iterations = 8;
     return p;
