@@ -171,18 +171,19 @@ static void test_edit(void **state)
 static void test_edit_memory(void **state)
 {
     (void) state;
+    enum { COUNT = N / 8 };
     sg_ctx *plenty = make_context(1);
-    struct sg_model *m = make_model(plenty, N, 1, 9);
+    struct sg_model *m = make_model(plenty, COUNT, 1, 9);
     struct sg_columns o;
-    assert_int_equal(sg_columns_create(plenty, N, 1, SG_COLUMN_SAVED, &o), SG_OK);
-    const size_t more = N / 2;
-    uint8_t *keep = malloc(N), *kind = calloc(more, 1);
+    assert_int_equal(sg_columns_create(plenty, COUNT, 1, SG_COLUMN_SAVED, &o), SG_OK);
+    const size_t more = COUNT / 2;
+    uint8_t *keep = malloc(COUNT), *kind = calloc(more, 1);
     uint32_t *source = calloc(more, sizeof(*source));
-    memset(keep, 1, N);
+    memset(keep, 1, COUNT);
     const struct sg_edit e = {
-        .keep = keep, .kept = N, .appended = more, .source = source, .kind = kind};
-    const uint64_t array = N * (uint64_t) sg_param_count(1) * sizeof(float),
-                   rest = N * UINT64_C(32);
+        .keep = keep, .kept = COUNT, .appended = more, .source = source, .kind = kind};
+    const uint64_t array = COUNT * (uint64_t) sg_param_count(1) * sizeof(float),
+                   rest = COUNT * UINT64_C(32);
     int as_was = 0, edited = 0, done = 0;
     /* Up to 3 arrays of old and new size, one more of the new size, and small ones. */
     for (uint64_t limit = 3 * array + rest; limit <= 6 * array + 2 * rest; limit += rest / 8) {
@@ -193,7 +194,7 @@ static void test_edit_memory(void **state)
         assert_int_equal(sg_host_upload(ctx, &h, m, &o), SG_OK);
         const int code = sg_host_edit(ctx, &h, &e);
         assert_true(code == SG_OK || code == SG_ERR_BUDGET);
-        assert_int_equal(h.count, code && h.at[SG_C_MOMENT1] ? N : N + more);
+        assert_int_equal(h.count, code && h.at[SG_C_MOMENT1] ? COUNT : COUNT + more);
         as_was += code && h.at[SG_C_MOMENT1];
         edited += code && !h.at[SG_C_MOMENT1];
         done += !code && h.at[SG_C_MOMENT1];

@@ -159,8 +159,8 @@ static int write_sog(sg_ctx *ctx)
     char path[96];
     struct sg_model *model;
     snprintf(path, sizeof(path), "%s/model.sog", folder);
-    int code = sg_model_init_random(ctx, 3000, 1.3f, 1, 1, &model);
-    for (size_t i = 0; i < 3000 && !code; i++)
+    int code = sg_model_init_random(ctx, 1100, 1.3f, 1, 1, &model);
+    for (size_t i = 0; i < 1100 && !code; i++)
         for (int k = 3; k < 12; k++)
             *sg_model_at(model, i, SG_P_SH + k) = (float) ((i * (size_t) k * 7919) % 1000) / 1000;
     if (!code)
