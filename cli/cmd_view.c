@@ -55,8 +55,15 @@ static int load_scene(struct viewed *v, struct model_options *o, bool named)
 {
     if (!o->scene_path)
         return STATUS_DONE;
-    o->scene.eval = o->scene.untrained = true;
-    const int error = sg_scene_load(v->ctx, o->scene_path, &o->scene, &v->scene);
+    /* Training views are those of the run. */
+    o->scene.eval = !v->run.folder || v->run.scene.eval;
+    o->scene.untrained = true;
+    int error = sg_scene_load(v->ctx, o->scene_path, &o->scene, &v->scene);
+    if (!error && !o->scene.eval && v->scene->format == SG_FORMAT_BLENDER) {
+        o->scene.eval = true; /* its test views are apart in any case */
+        sg_scene_destroy(&v->scene);
+        error = sg_scene_load(v->ctx, o->scene_path, &o->scene, &v->scene);
+    }
     if (!error || named || error == SG_ERR_INTERRUPTED)
         return report(v->ctx, error);
     say(stderr, "warning: %s; the photos are not shown\n", sg_last_error(v->ctx));
@@ -185,8 +192,8 @@ static int score(struct viewed *v, const struct model_options *o, bool hits)
         error = view_scores_copy(&v->scores, v->ctx, v->model);
         if (!error)
             error = sg_prune_scores(v->ctx, v->scene, v->model, &p, v->scores.score);
-        v->scores.lowest =
-            (size_t) (sg_defense_params_default().rho * (double) sg_model_gaussians(v->model));
+        if (!error)
+            error = view_scores_lowest(&v->scores, sg_defense_params_default().rho);
     }
     if (!error && hits && !v->counted) {
         p.method = SG_PRUNER_LIGHTGAUSSIAN, p.score = SG_GLOBAL_COUNT;

@@ -96,9 +96,9 @@ static int score(struct train_view *v, int iteration)
     if (!error)
         error = view_scores_copy(&v->scores, v->scores_ctx, model);
     if (!error)
-        error = sg_run_scores(v->run, v->scores.score, v->scores.hits, &next);
+        error = sg_run_scores(v->run, v->scores.score, v->scores.hits, v->scores.stays, &next);
     if (!error)
-        v->scores.lowest = (size_t) (next.share * (double) model->count), v->scored = iteration;
+        v->scored = iteration;
     sg_model_destroy(&model);
     return error;
 }
@@ -120,7 +120,8 @@ static sg_renderer *scores_renderer(struct train_view *v, enum view_kind kind)
     if (!v->scores.model || v->scored != s.iteration)
         error = score(v, s.iteration);
     if (!error)
-        error = view_scores_paint(&v->scores, kind, NULL, NULL, &render);
+        /* A GPU has no room beside the run's. */
+        error = view_scores_paint(&v->scores, kind, "cpu", cpu_variant(t->cpu), &render);
     if (error)
         view_scores_clear(&v->scores);
     return v->scores.renderer;

@@ -16,7 +16,8 @@ int view_scores_copy(struct view_scores *s, sg_ctx *ctx, const struct sg_model *
     s->grey = sg_mem_alloc(ctx, SG_MEM_FRAME, model->count, sizeof(*s->grey));
     s->score = sg_mem_alloc(ctx, SG_MEM_FRAME, model->count, sizeof(*s->score));
     s->hits = sg_mem_alloc(ctx, SG_MEM_FRAME, model->count, sizeof(*s->hits));
-    if (!s->grey || !s->score || !s->hits) {
+    s->stays = sg_mem_alloc(ctx, SG_MEM_FRAME, model->count, sizeof(*s->stays));
+    if (!s->grey || !s->score || !s->hits || !s->stays) {
         view_scores_clear(s);
         return SG_ERR_BUDGET;
     }
@@ -40,6 +41,28 @@ static int by_value(const void *a, const void *b)
     const struct rank *x = a, *y = b;
     return x->value != y->value ? (x->value > y->value) - (x->value < y->value)
                                 : (x->at > y->at) - (x->at < y->at);
+}
+
+/* All Gaussians by rising value. The caller frees it; NULL: no memory. */
+static struct rank *ranks_of(const struct view_scores *s, const double *value)
+{
+    const size_t n = s->model->count;
+    struct rank *ranks = sg_mem_alloc(s->ctx, SG_MEM_FRAME, n, sizeof(*ranks));
+    for (size_t i = 0; i < n && ranks; i++)
+        ranks[i] = (struct rank){value[i], i};
+    if (ranks)
+        qsort(ranks, n, sizeof(*ranks), by_value);
+    return ranks;
+}
+
+int view_scores_lowest(struct view_scores *s, double share)
+{
+    const size_t n = s->model->count;
+    struct rank *ranks = ranks_of(s, s->score);
+    for (size_t k = 0; k < n && ranks; k++)
+        s->stays[ranks[k].at] = k >= (size_t) (share * (double) n);
+    sg_mem_free(ranks);
+    return ranks ? SG_OK : SG_ERR_BUDGET;
 }
 
 static void set_colour(struct sg_model *m, size_t i, const float *rgb)
@@ -70,18 +93,18 @@ int view_scores_paint(struct view_scores *s, enum view_kind kind, const char *en
     if (s->renderer && s->painted == kind)
         return SG_OK;
     sg_renderer_destroy(&s->renderer);
-    struct rank *ranks = sg_mem_alloc(s->ctx, SG_MEM_FRAME, n, sizeof(*ranks));
+    struct rank *ranks = ranks_of(s, kind == VIEW_HITS ? s->hits : s->score);
     if (!ranks)
         return SG_ERR_BUDGET;
-    for (size_t i = 0; i < n; i++)
-        ranks[i] = (struct rank){kind == VIEW_HITS ? s->hits[i] : s->score[i], i};
-    qsort(ranks, n, sizeof(*ranks), by_value);
     for (size_t k = 0, first = 0; k < n; k++) {
         const float grey = s->grey[ranks[k].at] * 0.7f, stays[3] = {grey, grey, grey};
         float colour[3];
         first = k && ranks[k].value > ranks[first].value ? k : first; /* equals look the same */
         ramp((float) first / (float) (n > 1 ? n - 1 : 1), colour);
-        set_colour(s->model, ranks[k].at, kind != VIEW_NEXT ? colour : k < s->lowest ? red : stays);
+        set_colour(s->model, ranks[k].at,
+                   kind != VIEW_NEXT       ? colour
+                   : s->stays[ranks[k].at] ? stays
+                                           : red);
     }
     sg_mem_free(ranks);
     s->painted = kind;
@@ -95,5 +118,6 @@ void view_scores_clear(struct view_scores *s)
     sg_mem_free(s->grey);
     sg_mem_free(s->score);
     sg_mem_free(s->hits);
+    sg_mem_free(s->stays);
     *s = (struct view_scores){0};
 }

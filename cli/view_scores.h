@@ -10,7 +10,7 @@ struct view_scores {
     struct sg_model *model; /* a copy without SH, in the colours of `painted` */
     float *grey;            /* what its Gaussians have of brightness */
     double *score, *hits;   /* see sg_trainer_scores */
-    size_t lowest;          /* so many go in the next pass */
+    uint8_t *stays;         /* likewise */
     sg_renderer *renderer;
     enum view_kind painted;
 };
@@ -18,6 +18,9 @@ struct view_scores {
 /* Forgets what there was, and copies `model` for the arrays of scores, which the caller fills in.
  * Errors: SG_ERR_BUDGET. */
 int view_scores_copy(struct view_scores *s, sg_ctx *ctx, const struct sg_model *model);
+
+/* Sets `stays` of all but this share with the lowest scores. Errors: SG_ERR_BUDGET. */
+int view_scores_lowest(struct view_scores *s, double share);
 
 /* Paints: VIEW_SCORE and VIEW_HITS from yellow, the lowest, to violet; VIEW_NEXT red what goes and
  * grey what stays. The renderer is s->renderer. Errors: those of sg_renderer_create. */

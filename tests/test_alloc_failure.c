@@ -161,8 +161,10 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
     if (!code && kind != SG_MODEL_SCAFFOLD) {
         struct sg_filter_pass next;
         double *scores = calloc(model->count, 2 * sizeof(*scores));
-        code = sg_trainer_scores(resumed, scores, scores + model->count, &next);
+        uint8_t *stays = calloc(model->count, 1);
+        code = sg_trainer_scores(resumed, scores, scores + model->count, stays, &next);
         free(scores);
+        free(stays);
     }
     if (!code)
         code = sg_model_write_ply(ctx, model, path);
@@ -349,10 +351,6 @@ static int convert(sg_ctx *ctx)
     static const char *const endings[] = {"ply", "compressed.ply", "splat", "spz", "sog", "glb"};
     struct sg_model *model = NULL, *part = NULL;
     int code = sg_model_init_random(ctx, 60, 1.3f, 1, 1, &model);
-    if (!code)
-        code = sg_model_sort(ctx, model, &part);
-    sg_model_destroy(&model);
-    model = part, part = NULL;
     if (!code)
         code = sg_model_select(ctx, model, NULL, &part);
     for (size_t k = 0; k < sizeof(endings) / sizeof(endings[0]) && !code; k++) {

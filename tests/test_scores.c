@@ -30,14 +30,15 @@ static int by_score(const void *a, const void *b)
 
 /* The scores of a trainer, the lowest first. Also: hits and score belong together. */
 static struct rank *ranks(sg_trainer *t, const struct sg_defense_params *p, size_t n,
-                          struct sg_filter_pass *next)
+                          uint8_t *stays, struct sg_filter_pass *next)
 {
     struct rank *r = malloc(n * sizeof(*r));
     double *score = malloc(n * sizeof(*score)), *hits = malloc(n * sizeof(*hits));
+    uint8_t *own = malloc(n);
     struct sg_model *m;
     assert_int_equal(sg_trainer_model(t, &m), SG_OK);
     assert_int_equal(m->count, n);
-    assert_int_equal(sg_trainer_scores(t, score, hits, next), SG_OK);
+    assert_int_equal(sg_trainer_scores(t, score, hits, stays ? stays : own, next), SG_OK);
     for (size_t i = 0; i < n; i++) {
         const float *scale = sg_model_at(m, i, SG_P_SCALE);
         r[i] =
@@ -56,68 +57,88 @@ static struct rank *ranks(sg_trainer *t, const struct sg_defense_params *p, size
     sg_model_destroy(&m);
     free(score);
     free(hits);
+    free(own);
     return r;
 }
 
-/* No parameter moves in the iteration of a pass. So what the iteration before says is what goes. */
-static void test_next(void **state)
+/* Trains to iteration 40 and looks before each step. No parameter moves in the iteration of a pass,
+ * so what the iteration before says is what goes. Returns the model. */
+static struct sg_model *look_on(struct fixture *f, const struct sg_train_params *p)
 {
-    (void) state;
-    struct fixture f = make_fixture(2);
-    const struct sg_train_params p = defended();
-    struct sg_model *before, *after, *plain = train(&f, &p, 40, NULL, NULL, NULL);
-    sg_trainer *t = begin_training(&f, &p);
+    struct sg_model *before, *after;
+    sg_trainer *t = begin_training(f, p);
     int passes = 0;
     for (int it = 1; it <= 40; it++) {
         const size_t n = sg_trainer_gaussians(t);
         struct sg_filter_pass next;
         struct sg_train_step s;
-        struct rank *r = ranks(t, &p.defense, n, &next);
+        uint8_t *stays = malloc(n);
+        struct rank *r = ranks(t, &p->defense, n, stays, &next);
         const int due = (it + 6) / 7 * 7; /* densification is from 5 to 35 */
         assert_float_equal(next.share, due < 35 ? 0.07 : 0, 0);
         assert_int_equal(next.iteration, due < 35 ? due : it - 1);
         assert_int_equal(sg_trainer_model(t, &before), SG_OK);
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);
         assert_int_equal(s.defense.filtered, due < 35 && it == due);
+        size_t goes = 0, k = 0;
+        for (size_t i = 0; i < n; i++)
+            goes += !stays[i];
+        if (due >= 35)
+            assert_int_equal(goes, 0);
         if (s.defense.filtered) {
-            const size_t lowest = (size_t) (next.share * (double) n);
-            uint8_t *gone = calloc(n, 1);
-            assert_true(lowest > 0);
-            assert_int_equal(s.defense.removed, lowest);
-            for (size_t i = 0; i < lowest; i++)
-                gone[r[i].at] = 1;
+            assert_true(goes > 0);
+            assert_int_equal(s.defense.removed, goes);
+            if (p->defense.rule == SG_PRUNE_EXACT && p->defense.unseen == SG_UNSEEN_FIRST)
+                for (size_t i = 0; i < n; i++) /* the lowest */
+                    assert_int_equal(stays[r[i].at], i >= (size_t) (next.share * (double) n));
             assert_int_equal(sg_trainer_model(t, &after), SG_OK);
-            for (size_t i = 0, k = 0; i < n; i++)
-                if (!gone[i]) {
+            for (size_t i = 0; i < n; i++)
+                if (stays[i]) {
                     for (int axis = 0; axis < 3; axis++)
                         assert_true(*sg_model_at(before, i, SG_P_XYZ + axis) ==
                                     *sg_model_at(after, k, SG_P_XYZ + axis));
                     k++;
                 }
             sg_model_destroy(&after);
-            free(gone);
             passes++;
         }
         sg_model_destroy(&before);
         free(r);
+        free(stays);
     }
     assert_int_equal(passes, 4);
+    assert_int_equal(sg_trainer_model(t, &after), SG_OK);
+    sg_trainer_destroy(&t);
+    return after;
+}
+
+static void test_next(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    const struct sg_train_params p = defended();
+    struct sg_train_params keeps = p, threshold = p;
+    keeps.defense.unseen = SG_UNSEEN_KEEP, keeps.defense.views = 1;
+    threshold.defense.rule = SG_PRUNE_THRESHOLD;
+    struct sg_model *looked = look_on(&f, &p), *plain = train(&f, &p, 40, NULL, NULL, NULL), *other;
+    assert_same(plain, looked); /* looking on changes nothing */
+    sg_model_destroy(&plain);
+    sg_model_destroy(&looked);
+    other = look_on(&f, &keeps);
+    sg_model_destroy(&other);
+    other = look_on(&f, &threshold);
+    sg_model_destroy(&other);
     /* Nothing is removed in the last tenth of a training with a tolerance. */
     struct sg_train_params tolerant = p;
     tolerant.tolerance = 4, tolerant.iterations = 30;
     sg_trainer *settled = begin_training(&f, &tolerant);
     for (int it = 1; it <= 27; it++) {
         struct sg_filter_pass next;
-        free(ranks(settled, &p.defense, sg_trainer_gaussians(settled), &next));
+        free(ranks(settled, &p.defense, sg_trainer_gaussians(settled), NULL, &next));
         assert_true(next.share > 0 ? it <= 21 && next.iteration <= 27 : it > 21);
         assert_int_equal(sg_trainer_step(settled, NULL), SG_OK);
     }
     sg_trainer_destroy(&settled);
-    assert_int_equal(sg_trainer_model(t, &after), SG_OK);
-    assert_same(plain, after); /* looking on changes nothing */
-    sg_model_destroy(&after);
-    sg_model_destroy(&plain);
-    sg_trainer_destroy(&t);
     clear_fixture(&f);
 }
 
@@ -134,7 +155,7 @@ static void test_shares(void **state)
     sg_trainer *t = begin_training(&f, &p);
     int passes = 0;
     for (int it = 1; it <= 34; it++) {
-        free(ranks(t, &p.defense, sg_trainer_gaussians(t), &next));
+        free(ranks(t, &p.defense, sg_trainer_gaussians(t), NULL, &next));
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);
         if (s.defense.filtered)
             assert_float_equal(next.share, s.defense.rho, 0);
@@ -149,7 +170,7 @@ static void test_shares(void **state)
         p.defense.rho = 0;
         t = begin_training(&f, &p);
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);
-        free(ranks(t, &p.defense, sg_trainer_gaussians(t), &next));
+        free(ranks(t, &p.defense, sg_trainer_gaussians(t), NULL, &next));
         assert_true(next.share == 0 && next.iteration == 1);
         sg_trainer_destroy(&t);
     }

@@ -135,7 +135,8 @@ SG_API const struct sg_scene *sg_run_scene(const sg_run *run);
 SG_API int sg_run_renderer(sg_run *run, sg_renderer **out);
 /* Likewise: sg_trainer_model and sg_trainer_scores. */
 SG_API int sg_run_model(sg_run *run, struct sg_model **out);
-SG_API int sg_run_scores(sg_run *run, double *score, double *hits, struct sg_filter_pass *next);
+SG_API int sg_run_scores(sg_run *run, double *score, double *hits, uint8_t *stays,
+                         struct sg_filter_pass *next);
 
 /* Unlocks the folder. A run that failed before its first save leaves nothing behind. NULL-safe;
  * sets *run to NULL. */

@@ -381,13 +381,14 @@ SG_API int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
 /* The next pass of the defense's filter. */
 struct sg_filter_pass {
     int iteration;
-    double share; /* of the Gaussians: those with the lowest scores go. 0: no pass is left */
+    double share; /* of the Gaussians: rho. 0: no pass is left */
 };
 /* What the filter says of each Gaussian of sg_trainer_model as it is now: ln of its score,
- * -INFINITY without a hit, and its hits, both counted in the views of the next pass. The pass
- * itself comes after more training. Neither the result of the training nor its times change.
- * Errors: SG_ERR_USAGE for SG_MODEL_SCAFFOLD, SG_ERR_BUDGET. */
-SG_API int sg_trainer_scores(sg_trainer *trainer, double *score, double *hits,
+ * -INFINITY without a hit, and its hits, both counted in the views of the next pass; and whether it
+ * stays, 1, or that pass would remove it, 0. The pass itself comes after more training. Neither the
+ * result of the training nor its times change. Errors: SG_ERR_USAGE for SG_MODEL_SCAFFOLD,
+ * SG_ERR_BUDGET. */
+SG_API int sg_trainer_scores(sg_trainer *trainer, double *score, double *hits, uint8_t *stays,
                              struct sg_filter_pass *next);
 
 /* Saves the whole state for sg_trainer_resume. The file appears whole or not at all. Errors:

@@ -336,6 +336,26 @@ static size_t choose(const struct pass *pass, const struct sg_defense_params *p,
     return lowest;
 }
 
+static void end_pass(struct pass *pass)
+{
+    sg_free(pass->keep);
+    sg_free(pass->gone);
+    sg_free(pass->born);
+}
+
+int sg_filter_choose(struct sg_engine *engine, const struct sg_defense_params *p,
+                     const struct sg_scores *s, double rho, int it, uint8_t *keep)
+{
+    struct pass pass;
+    const int code = begin_pass(engine, p, s, it, &pass);
+    if (!code) {
+        choose(&pass, p, rho, s);
+        memcpy(keep, pass.keep, s->count);
+    }
+    end_pass(&pass);
+    return code;
+}
+
 int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
               const struct sg_defense_params *p, const struct sg_render_params *render, double rho,
               uint64_t seed, int it, struct sg_defense_step *out)
@@ -361,9 +381,7 @@ int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
                 engine,
                 &(struct sg_edit){.keep = pass.keep, .kept = n - lowest, .statistics = true});
     }
-    sg_free(pass.keep);
-    sg_free(pass.gone);
-    sg_free(pass.born);
+    end_pass(&pass);
     sg_scores_clear(&s);
     return code;
 }

@@ -44,6 +44,11 @@ double sg_scores_rank(const struct sg_scores *s, size_t k);
  * index. k: at most the number of those set. */
 void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep);
 
+/* What a pass at iteration it that removes the share rho keeps of the entries; nothing is removed.
+ * keep: s->count. SG_ERR_BUDGET. */
+int sg_filter_choose(struct sg_engine *engine, const struct sg_defense_params *p,
+                     const struct sg_scores *s, double rho, int it, uint8_t *keep);
+
 /* Removes the share rho. out: all but the losses, in entries. */
 int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
               const struct sg_defense_params *p, const struct sg_render_params *render, double rho,

@@ -331,6 +331,7 @@ static int loop(sg_run *r)
 static int finish(sg_run *r)
 {
     const bool cut = sg_trainer_iteration(r->trainer) < r->params.train.iterations;
+    sg_clear_error(r->ctx); /* of what `step` looked at, which did not end the run */
     /* Without a step there is nothing new to save, and a tighter limit may have thinned the model
      * out. */
     const bool stepped = sg_trainer_iteration(r->trainer) > r->saved || !r->resume;
@@ -563,9 +564,10 @@ int sg_run_model(sg_run *r, struct sg_model **out)
     return sg_trainer_model(r->trainer, out);
 }
 
-int sg_run_scores(sg_run *r, double *score, double *hits, struct sg_filter_pass *next)
+int sg_run_scores(sg_run *r, double *score, double *hits, uint8_t *stays,
+                  struct sg_filter_pass *next)
 {
-    return sg_trainer_scores(r->trainer, score, hits, next);
+    return sg_trainer_scores(r->trainer, score, hits, stays, next);
 }
 
 void sg_run_close(sg_run **run)

@@ -363,7 +363,8 @@ int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
         t->engine, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
 }
 
-int sg_trainer_scores(sg_trainer *t, double *score, double *hits, struct sg_filter_pass *next)
+int sg_trainer_scores(sg_trainer *t, double *score, double *hits, uint8_t *stays,
+                      struct sg_filter_pass *next)
 {
     const struct sg_defense_params *d = &t->params.defense;
     const struct sg_render_params render = sg_trainer_render(t);
@@ -376,18 +377,18 @@ int sg_trainer_scores(sg_trainer *t, double *score, double *hits, struct sg_filt
     if (t->strategy->filter_next)
         next->share = t->strategy->filter_next(t, &next->iteration);
     sg_engine_stop_clocks(t->engine, true);
-    const int code = sg_score(t->engine, t->scene, d, &render, t->params.seed, next->iteration, &s);
+    int code = sg_score(t->engine, t->scene, d, &render, t->params.seed, next->iteration, &s);
+    if (!code)
+        code = sg_filter_choose(t->engine, d, &s, next->share, next->iteration, stays);
     sg_engine_stop_clocks(t->engine, false);
-    if (code)
-        return code;
-    for (size_t i = 0; i < s.count; i++) {
+    for (size_t i = 0; i < s.count && !code; i++) {
         score[i] = s.score[i];
         hits[i] = s.score[i] > -INFINITY
                       ? exp(s.score[i] - sg_filter_log_weight(d, s.log_smallest[i]))
                       : 0;
     }
     sg_scores_clear(&s);
-    return SG_OK;
+    return code;
 }
 
 /* Room for what the model has beside its parameters. */
