@@ -318,6 +318,13 @@ static void test_points(void **state)
     assert_memory_equal(back, expected, sizeof(expected));
     assert_memory_equal(colours, shades, sizeof(shades));
     sg_points_destroy(&back, &colours);
+    put_text(f, "r.ply",
+             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+             "property float z\nproperty uchar red\nproperty ushort green\nproperty uchar blue\n"
+             "end_header\n1 2 3 4 65535 6\n");
+    assert_int_equal(sg_points_read_ply(f->ctx, at(f, "r.ply"), 9, &back, &colours, &n),
+                     SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "property \"green\": found another type"));
 }
 
 /* ---- arrays ---- */
