@@ -20,7 +20,6 @@ bool view_model_fits(const struct sg_model *model, const struct sg_render_params
 int view_model_write(sg_ctx *ctx, const struct sg_model *model)
 {
     const char *tmp = getenv("TMPDIR");
-    struct sg_model *copy = NULL;
     char *folder = NULL, *path = NULL;
     int fd = -1, error = SG_OK;
     if (asprintf(&folder, "%s/splatguard-XXXXXX", tmp && tmp[0] ? tmp : "/tmp") < 0)
@@ -32,9 +31,7 @@ int view_model_write(sg_ctx *ctx, const struct sg_model *model)
     else if (asprintf(&path, "%s/model.compressed.ply", folder) < 0)
         path = NULL;
     else {
-        error = sg_model_sort(ctx, model, &copy);
-        if (!error)
-            error = sg_model_write(ctx, copy, path, NULL);
+        error = sg_model_write(ctx, model, path, NULL);
         if (!error)
             fd = open(path, O_RDONLY | O_CLOEXEC);
     }
@@ -44,7 +41,6 @@ int view_model_write(sg_ctx *ctx, const struct sg_model *model)
         unlink(path);
     if (made)
         rmdir(folder);
-    sg_model_destroy(&copy);
     free(path);
     free(folder);
     return fd;

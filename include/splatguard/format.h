@@ -62,8 +62,9 @@ SG_API struct sg_model_file sg_model_file_default(void);
 /* Writes a model; the file appears whole or not at all. file may be NULL. Errors: SG_ERR_USAGE for
  * an ending that names no format, one that is not written and a wrong version; SG_ERR_INPUT if the
  * file cannot be written, the model has no Gaussians, or the format cannot hold a value: NaN and
- * infinities in all but PLY, positions beyond 8388607 in .spz; SG_ERR_BUDGET. .sog has the
- * Gaussians in another order; it is the same for any number of threads. */
+ * infinities in all but PLY, positions beyond 8388607 in .spz; SG_ERR_BUDGET. .sog and
+ * compressed PLY have the Gaussians in another order, along a space-filling curve (Morton 1966),
+ * since they keep what neighbours share; .sog is the same for any number of threads. */
 SG_API int sg_model_write(sg_ctx *ctx, const struct sg_model *model, const char *path,
                           const struct sg_model_file *file);
 
@@ -83,11 +84,6 @@ SG_API struct sg_model_selection sg_model_selection_default(void);
  * SG_ERR_BUDGET. */
 SG_API int sg_model_select(sg_ctx *ctx, const struct sg_model *model,
                            const struct sg_model_selection *selection, struct sg_model **out);
-
-/* A copy whose Gaussians lie along a space-filling curve (Morton 1966); equal places keep their
- * order. A compressed PLY keeps the positions of 256 Gaussians at a time: those of a model that is
- * sorted are finer. The caller owns *out. Errors: SG_ERR_INPUT for anchors, SG_ERR_BUDGET. */
-SG_API int sg_model_sort(sg_ctx *ctx, const struct sg_model *model, struct sg_model **out);
 
 #ifdef __cplusplus
 }

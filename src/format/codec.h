@@ -23,7 +23,7 @@ int sg_compressed_ply_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gauss
 
 int sg_splat_write(const struct sg_model *m, FILE *f);
 int sg_spz_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path, int version);
-int sg_compressed_ply_write(const struct sg_model *m, FILE *f);
+int sg_compressed_ply_write(sg_ctx *ctx, const struct sg_model *m, FILE *f);
 int sg_sog_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path);
 int sg_glb_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path);
 
@@ -31,7 +31,8 @@ int sg_glb_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *pat
  * claims more is refused before memory is taken for it, and is not written. */
 #define SG_GAUSSIANS_A_BYTE 16
 
-/* Which Gaussian sg_model_sort puts where. sg_free(*order), also after an error. */
+/* Which Gaussian is where along a space-filling curve (Morton 1966); equal places keep their order.
+ * sg_free(*order), also after an error. */
 int sg_model_order(sg_ctx *ctx, const struct sg_model *m, uint32_t **order);
 
 /* sg_model_create for the count that a file claims, once it has been compared with the file's

@@ -240,13 +240,15 @@ static float ranged(const struct sg_model *m, size_t i, int group, int axis)
     return *sg_model_at(m, i, SG_P_SH + axis) * SG_SH_C0 + 0.5f;
 }
 
-static void find_ranges(const struct sg_model *m, size_t first, float range[RANGES])
+/* Of the CHUNK Gaussians from order[first] on. */
+static void find_ranges(const struct sg_model *m, const uint32_t *order, size_t first,
+                        float range[RANGES])
 {
     for (int group = 0; group < RANGES; group += 6)
         for (int axis = 0; axis < 3; axis++) {
             float low = INFINITY, high = -INFINITY;
             for (size_t i = first; i < first + CHUNK && i < m->count; i++) {
-                const float v = ranged(m, i, group, axis);
+                const float v = ranged(m, order[i], group, axis);
                 low = fminf(low, v), high = fmaxf(high, v);
             }
             range[group + axis] = low, range[group + 3 + axis] = high;
@@ -301,25 +303,26 @@ static void write_header(const struct sg_model *m, FILE *f)
     fprintf(f, "end_header\n");
 }
 
-int sg_compressed_ply_write(const struct sg_model *m, FILE *f)
+static void write_rows(const struct sg_model *m, const uint32_t *order, FILE *f)
 {
     float range[RANGES];
-    write_header(m, f);
     for (size_t i = 0; i < m->count; i += CHUNK) {
-        find_ranges(m, i, range);
+        find_ranges(m, order, i, range);
         fwrite(range, sizeof(float), RANGES, f); /* little endian hosts only */
     }
     for (size_t i = 0; i < m->count; i++) {
+        const size_t from = order[i];
         if (i % CHUNK == 0)
-            find_ranges(m, i, range);
-        uint32_t colour = sg_byte(255 * sg_logistic(*sg_model_at(m, i, SG_P_OPACITY)));
+            find_ranges(m, order, i, range);
+        uint32_t colour = sg_byte(255 * sg_logistic(*sg_model_at(m, from, SG_P_OPACITY)));
         for (int k = 0; k < 3; k++)
-            colour |= encode(ranged(m, i, RANGE_COLOUR, k), range[RANGE_COLOUR + k],
+            colour |= encode(ranged(m, from, RANGE_COLOUR, k), range[RANGE_COLOUR + k],
                              range[RANGE_COLOUR + 3 + k], 255)
                       << (24 - 8 * k);
-        const uint32_t word[WORDS] = {[WORD_POSITION] = encode_vector(m, i, RANGE_POSITION, range),
-                                      [WORD_ROTATION] = encode_rotation(m, i),
-                                      [WORD_SCALE] = encode_vector(m, i, RANGE_SCALE, range),
+        const uint32_t word[WORDS] = {[WORD_POSITION] =
+                                          encode_vector(m, from, RANGE_POSITION, range),
+                                      [WORD_ROTATION] = encode_rotation(m, from),
+                                      [WORD_SCALE] = encode_vector(m, from, RANGE_SCALE, range),
                                       [WORD_COLOUR] = colour};
         fwrite(word, sizeof(uint32_t), WORDS, f);
     }
@@ -328,10 +331,22 @@ int sg_compressed_ply_write(const struct sg_model *m, FILE *f)
         uint8_t bytes[SG_SH_REST_MAX];
         for (int k = 0; k < rest; k++) {
             const int channel = k / (rest / 3), coefficient = k % (rest / 3);
-            const float v = *sg_model_at(m, i, SG_P_SH + 3 * (1 + coefficient) + channel);
+            const float v = *sg_model_at(m, order[i], SG_P_SH + 3 * (1 + coefficient) + channel);
             bytes[k] = (uint8_t) fminf(fmaxf((v + 4) * 32, 0), 255);
         }
         fwrite(bytes, 1, (size_t) rest, f);
     }
-    return SG_OK;
+}
+
+/* Values are fractions of the ranges of their chunk, so neighbours share one. */
+int sg_compressed_ply_write(sg_ctx *ctx, const struct sg_model *m, FILE *f)
+{
+    uint32_t *order;
+    const int code = sg_model_order(ctx, m, &order);
+    if (!code) {
+        write_header(m, f);
+        write_rows(m, order, f);
+    }
+    sg_free(order);
+    return code;
 }

@@ -167,7 +167,7 @@ int sg_model_write(sg_ctx *ctx, const struct sg_model *m, const char *path,
     if (code)
         return code;
     if (choice.format == SG_MODEL_COMPRESSED_PLY)
-        code = sg_compressed_ply_write(m, w.stream);
+        code = sg_compressed_ply_write(ctx, m, w.stream);
     else if (choice.format == SG_MODEL_SPLAT)
         code = sg_splat_write(m, w.stream);
     else if (choice.format == SG_MODEL_SPZ)

@@ -15,7 +15,8 @@
 #define COLOUR_SCALE 0.15f /* of degree 0, so that colours beyond 0..1 fit */
 #define ROWS 1024          /* at once */
 #define ROTATION_MAX 511   /* magnitude of a component, for 1 / sqrt 2 */
-#define EXTENSIONS 2       /* bit of the flags */
+#define ANTIALIASED 1      /* bits of the flags */
+#define EXTENSIONS 2
 
 static const struct sg_axes axes = {1, -1, -1};
 
@@ -44,6 +45,11 @@ static int parse_header(sg_ctx *ctx, const char *path, const char *b, struct hea
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: header: found %d bits behind the point, expected 0 to 23", path,
                        h->fraction);
+    if (b[14] & ANTIALIASED)
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: the model was trained with antialiasing, which is not kept: it is drawn as "
+               "other models",
+               path);
     if (b[14] & EXTENSIONS)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found extensions, expected none", path);
     return SG_OK;
