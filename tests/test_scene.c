@@ -231,6 +231,18 @@ static void nerfstudio_masks(void **state)
     struct sg_scene *s = load(f, NULL);
     assert_memory_equal(s->train[0].mask, mask, 4);
     sg_scene_destroy(&s);
+    /* As its writer reads it, all but 0 is used, so 0 and 1 do too. */
+    const uint8_t ones[4] = {0, 1, 1, 0}, none[4] = {0};
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "m/a.png"), ones, 2, 2, 1), SG_OK);
+    s = load(f, NULL);
+    assert_memory_equal(s->train[0].mask, mask, 4);
+    assert_int_equal(f->warnings, 0);
+    sg_scene_destroy(&s);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "m/a.png"), none, 2, 2, 1), SG_OK);
+    s = load(f, NULL);
+    assert_non_null(strstr(f->said, "1 of 1 photos have no used pixel"));
+    assert_non_null(strstr(f->said, "/a.png, with the mask "));
+    sg_scene_destroy(&s);
     snprintf(text, sizeof(text), frame, "../m/a.png");
     put_text(f, "transforms.json", text);
     expect_failure(f, NULL, SG_ERR_INPUT, "frame 0", "mask_path", NULL);
@@ -244,6 +256,65 @@ static void colmap_text_without_points(void **state)
     put_text(f, "sparse/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 1 0 0 1 b.png\n");
     put_png(f, "images/a.png", 2, 1, 3, 0);
     expect_failure(f, NULL, SG_ERR_INPUT, "images.txt: line 2", "2D points", NULL);
+    /* Names of three words make lines of a multiple of three words. */
+    put_text(f, "sparse/images.txt",
+             "1 1 0 0 0 0 0 0 1 my new a.png\n2 1 0 0 0 1 0 0 1 my new b.png\n");
+    put_png(f, "images/my new a.png", 2, 1, 3, 0);
+    expect_failure(f, NULL, SG_ERR_INPUT, "images.txt: line 2", "2D points", NULL);
+}
+
+/* Blanks behind a name are none of it; points may be in no track. */
+static void colmap_text_blanks(void **state)
+{
+    struct fixture *f = *state;
+    put_text(f, "sparse/cameras.txt", "1 PINHOLE 2 1 2 2 1 0.5\n");
+    put_text(f, "sparse/images.txt",
+             "1 1 0 0 0 0 0 0 1 a.png \t\r\n0.5 0.5 -1 1.5 0.5 7 \n2 1 0 0 0 1 0 0 1 b.png\n\n");
+    put_png(f, "images/a.png", 2, 1, 3, 0);
+    put_png(f, "images/b.png", 2, 1, 3, 0);
+    struct sg_scene *s = load(f, NULL);
+    assert_int_equal(s->n_train, 2);
+    assert_int_equal(f->warnings, 0);
+    sg_scene_destroy(&s);
+}
+
+/* A photo that was moved out of its folder can be that of one image only. */
+static void colmap_one_photo_for_two(void **state)
+{
+    struct fixture *f = *state;
+    put_text(f, "sparse/cameras.txt", "1 PINHOLE 2 1 2 2 1 0.5\n");
+    put_text(f, "sparse/images.txt",
+             "1 1 0 0 0 0 0 0 1 left/1.png\n\n2 1 0 0 0 1 0 0 1 right/1.png\n\n"
+             "3 1 0 0 0 2 0 0 1 right/2.png\n\n");
+    put_png(f, "images/1.png", 2, 1, 3, 0);
+    put_png(f, "images/2.png", 2, 1, 3, 0);
+    expect_failure(f, NULL, SG_ERR_INPUT, "images.txt: found the photo", "images/1.png alone",
+                   "\"left/1.png\" and \"right/1.png\"", NULL);
+    put_png(f, "images/left/1.png", 2, 1, 3, 0);
+    struct sg_scene *s = load(f, NULL);
+    assert_int_equal(s->n_train, 3);
+    sg_scene_destroy(&s);
+}
+
+/* Lenses of COLMAP without a row of struct sg_lens are named in the text and numbered in the
+ * binary. */
+static void colmap_models(void **state)
+{
+    struct fixture *f = *state;
+    const uint8_t division[8 + 24 + 3 * 8] = {1, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 13, 0, 0, 0, 2};
+    put_text(f, "sparse/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n");
+    put_png(f, "images/a.png", 20, 10, 3, 0);
+    put_text(f, "sparse/cameras.txt", "1 EUCM 20 10 20 20 10 5 0.5 1\n");
+    expect_failure(f, NULL, SG_ERR_INPUT, "cameras.txt: line 1", "found camera model EUCM",
+                   "SIMPLE_PINHOLE, PINHOLE", "THIN_PRISM_FISHEYE, SIMPLE_FISHEYE, FISHEYE;", NULL);
+    put_text(f, "sparse/cameras.txt", "1 FISHEYE 20 10 20 19 10 5\n");
+    struct sg_scene *s = load(f, NULL);
+    assert_true(s->train[0].undistorted);
+    close_to(s->train[0].camera.fy, 19);
+    sg_scene_destroy(&s);
+    put(f, "sparse/cameras.bin", division, sizeof(division));
+    put(f, "sparse/images.bin", "", 0);
+    expect_failure(f, NULL, SG_ERR_INPUT, "cameras.bin", "found camera model number 13", NULL);
 }
 
 /* A rig's photos have the same names in other folders; alpha is dropped, as the reference does for
@@ -405,6 +476,13 @@ static void nerfstudio_own_split(void **state)
     s = load(f, NULL);
     assert_int_equal(s->n_train, 4);
     sg_scene_destroy(&s);
+    /* A name that is no frame's, here by its ending: c would be learned. */
+    put_text(f, "transforms.json",
+             "{\"camera_angle_x\":1,\"test_filenames\":[\"images/b.png\",\"images/c.jpg\"],"
+             "\"frames\":[" FRAME("images/a.png", 4) "," FRAME("images/b.png", 3) "," FRAME(
+                 "images/c.png", 9) "]}");
+    expect_failure(f, sg_scene_params(.eval = true), SG_ERR_INPUT, "transforms.json",
+                   "\"test_filenames\": found \"images/c.jpg\", expected the \"file_path\"", NULL);
 }
 
 /* The sets of names of a split count in the memory, and are gone after loading. */
@@ -570,6 +648,9 @@ int main(void)
         scene_test(colmap_other_model),
         scene_test(nerfstudio_masks),
         scene_test(colmap_text_without_points),
+        scene_test(colmap_text_blanks),
+        scene_test(colmap_one_photo_for_two),
+        scene_test(colmap_models),
         scene_test(colmap_rig),
         scene_test(resolution_rule),
         scene_test(nerfstudio),

@@ -21,6 +21,7 @@ static const struct {
     enum sg_lens_kind kind;
     int rest[8]; /* the coefficients that the parameters after cx and cy set */
 } models[] = {
+    /* By COLMAP's numbers; those between have lenses that struct sg_lens does not describe. */
     {"SIMPLE_PINHOLE", 3, 1, SG_LENS_POLYNOMIAL, {0}},
     {"PINHOLE", 4, 2, SG_LENS_POLYNOMIAL, {0}},
     {"SIMPLE_RADIAL", 4, 1, SG_LENS_POLYNOMIAL, {K(k1)}},
@@ -40,20 +41,36 @@ static const struct {
      2,
      SG_LENS_FISHEYE,
      {K(k1), K(k2), K(p1), K(p2), K(k3), K(k4), K(s1), K(s2)}},
+    [14] = {"SIMPLE_FISHEYE", 3, 1, SG_LENS_FISHEYE, {0}},
+    [15] = {"FISHEYE", 4, 2, SG_LENS_FISHEYE, {0}},
 };
 enum { MODELS = sizeof(models) / sizeof(*models) };
 
 int sg_colmap_model_params(int model)
 {
-    return model >= 0 && model < MODELS ? models[model].params : -1;
+    return model >= 0 && model < MODELS && models[model].name ? models[model].params : -1;
 }
 
 int sg_colmap_model_find(const char *name)
 {
     for (int i = 0; i < MODELS; i++)
-        if (!strcmp(models[i].name, name))
+        if (models[i].name && !strcmp(models[i].name, name))
             return i;
     return -1;
+}
+
+int sg_colmap_refuse_model(sg_ctx *ctx, const char *where, const char *found)
+{
+    char names[512] = "";
+    for (int i = 0; i < MODELS; i++)
+        if (models[i].name) {
+            const size_t n = strlen(names);
+            snprintf(names + n, sizeof(names) - n, "%s%s", n ? ", " : "", models[i].name);
+        }
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: found camera model %s, expected one of %s; colmap image_undistorter makes "
+                   "PINHOLE of others",
+                   where, found, names);
 }
 
 const char *sg_colmap_model_name(int model)
@@ -311,6 +328,8 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
         code = sg_shots_check_names(ctx, shots, 0, m.images);
     if (!code)
         code = find_photos(ctx, dir, params->images ? params->images : "images", shots);
+    if (!code)
+        code = sg_shots_check_paths(ctx, shots, m.images);
     if (!code)
         code = sg_shots_drop_missing(ctx, params, shots, m.images);
     if (!code)

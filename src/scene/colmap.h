@@ -35,6 +35,8 @@ struct sg_colmap_model {
 int sg_colmap_model_params(int model);
 int sg_colmap_model_find(const char *name);
 const char *sg_colmap_model_name(int model); /* there is one */
+/* SG_ERR_INPUT, with the names of the models that are read. */
+int sg_colmap_refuse_model(sg_ctx *ctx, const char *where, const char *found);
 int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *where,
                          uint32_t id, int model, uint64_t width, uint64_t height,
                          const double *params);

@@ -87,9 +87,11 @@ int sg_colmap_cameras_bin(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_ca
         uint64_t width = get(&at, 8), height = get(&at, 8);
         snprintf(where, sizeof(where), "%s: camera id %u", in->path, id);
         int n = model <= INT32_MAX ? sg_colmap_model_params((int) model) : -1;
-        if (n < 0)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: found model number %u, expected 0..10", where,
-                           model);
+        if (n < 0) {
+            char number[24];
+            snprintf(number, sizeof(number), "number %u", model);
+            return sg_colmap_refuse_model(ctx, where, number);
+        }
         at = take(in, (size_t) n * 8);
         if (!at)
             return cut_short(ctx, in, "camera", i);

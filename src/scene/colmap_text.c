@@ -20,6 +20,7 @@ struct lines {
     uint64_t seen;   /* bytes since the caller could last cancel */
     uint64_t number; /* of the line last returned, from 1 */
     size_t words;    /* in all of that line */
+    char last[24];   /* the beginning of its last word */
     bool cut;        /* the line was longer than what is kept */
     int code;        /* why reading ended early: no text, or the caller cancelled */
     char text[LINE_BYTES];
@@ -45,7 +46,7 @@ static int check_end(sg_ctx *ctx, const struct sg_source *in)
 static char *next_line(sg_ctx *ctx, struct lines *l)
 {
     struct sg_source *in = l->in;
-    size_t kept = 0;
+    size_t kept = 0, letters = 0;
     bool blank = true, whole = false;
     if (l->code)
         return NULL;
@@ -72,6 +73,11 @@ static char *next_line(sg_ctx *ctx, struct lines *l)
             const char c = in->window[i];
             const bool space = c == ' ' || c == '\t' || c == '\r';
             l->words += blank && !space;
+            if (!space) {
+                letters = blank ? 0 : letters;
+                if (letters < sizeof(l->last) - 1)
+                    l->last[letters++] = c;
+            }
             blank = space;
         }
         const size_t room = LINE_BYTES - 1 - kept, more = n < room ? n : room;
@@ -83,7 +89,7 @@ static char *next_line(sg_ctx *ctx, struct lines *l)
     }
     if (!whole && (l->code = check_end(ctx, in)))
         return NULL;
-    l->text[kept] = 0;
+    l->text[kept] = 0, l->last[letters] = 0;
     if (kept && !l->cut && l->text[kept - 1] == '\r')
         l->text[kept - 1] = 0;
     return l->text;
@@ -161,8 +167,7 @@ int sg_colmap_cameras_txt(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_ca
         snprintf(where, sizeof(where), "%s: line %llu", in->path, (unsigned long long) l.number);
         int model = sg_colmap_model_find(name);
         if (model < 0)
-            return sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: found camera model \"%s\", expected one of COLMAP's", where, name);
+            return sg_colmap_refuse_model(ctx, where, name);
         double params[SG_COLMAP_PARAMS_MAX];
         ok = get_whole(&p, UINT32_MAX, &width) && get_whole(&p, UINT32_MAX, &height);
         for (int k = 0; k < sg_colmap_model_params(model) && ok; k++)
@@ -178,6 +183,14 @@ int sg_colmap_cameras_txt(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_ca
     if (!code)
         code = l.code;
     return code ? code : sg_colmap_sort_cameras(ctx, out, in->path);
+}
+
+/* X, Y and a whole number for each point, -1 where it is in no track. The name of another image,
+ * which the number of words need not tell, is none. */
+static bool has_points(const struct lines *l)
+{
+    const char *id = l->last + (l->last[0] == '-');
+    return l->words % 3 == 0 && (!l->words || (*id && !id[strspn(id, "0123456789")]));
 }
 
 int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
@@ -197,12 +210,14 @@ int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
         if (!ok || !get_whole(&p, UINT32_MAX, &camera) || is_blank(p) || l.cut)
             return bad_line(ctx, &l, "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME");
         p += strspn(p, " \t"); /* a name may hold blanks: it is the rest of the line */
+        for (size_t n = strlen(p); n && strchr(" \t\r", p[n - 1]); n--)
+            p[n - 1] = 0;
         snprintf(where, sizeof(where), "%s: line %llu", in->path, (unsigned long long) l.number);
         code =
             sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t, p);
         /* Its 2D points, three numbers each, possibly an empty line. A file without them would lose
          * every other image. */
-        if (!code && next_line(ctx, &l) && l.words % 3)
+        if (!code && next_line(ctx, &l) && !has_points(&l))
             code = bad_line(ctx, &l, "2D points, three numbers each, or an empty line");
     }
     return code ? code : l.code;

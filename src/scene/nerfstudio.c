@@ -66,18 +66,19 @@ void sg_split_lists_clear(struct sg_split_lists *l)
  * held out. */
 static int get_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_split_lists *out)
 {
-    static const char *const keys[] = {"train_filenames", "test_filenames", "val_filenames"};
-    uint64_t bytes = 0;
+    static const char train_key[] = "train_filenames", *const test_keys[] = {"test_filenames",
+                                                                             "val_filenames"};
+    uint64_t bytes = bytes_of(json_object_get(root, train_key));
     *out = (struct sg_split_lists){0};
-    for (int k = 0; k < 3; k++)
-        bytes += bytes_of(json_object_get(root, keys[k]));
+    for (int k = 0; k < 2; k++)
+        bytes += bytes_of(json_object_get(root, test_keys[k]));
     int code = sg_reserve(ctx, SG_MEM_MISC, bytes, &out->room);
     if (!code)
-        code = get_list(ctx, root, keys[0], file, &out->train);
-    if (!code)
-        code = get_list(ctx, root, keys[1], file, &out->test);
-    if (!code && !out->test)
-        code = get_list(ctx, root, keys[2], file, &out->test);
+        code = get_list(ctx, root, train_key, file, &out->train);
+    for (int k = 0; k < 2 && !code && !out->test; k++) {
+        out->test_key = test_keys[k];
+        code = get_list(ctx, root, test_keys[k], file, &out->test);
+    }
     return code;
 }
 
@@ -99,20 +100,39 @@ int sg_nerfstudio_lists(sg_ctx *ctx, const struct sg_folder *dir, struct sg_spli
     return code;
 }
 
+/* Each name of the test list must be a frame's, else the photo that it means would be learned. */
+static int check_test(sg_ctx *ctx, const struct sg_split_lists *l, const char *file)
+{
+    const char *name;
+    json_t *unmatched;
+    json_object_foreach(l->test, name, unmatched)
+    {
+        if (json_is_true(unmatched))
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: \"%s\": found \"%s\", expected the \"file_path\" of a frame", file,
+                           l->test_key, name);
+    }
+    return SG_OK;
+}
+
 /* Frames in no list are left out. */
 static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots)
 {
     struct sg_split_lists l;
-    const int code = get_lists(ctx, root, file, &l);
+    int code = get_lists(ctx, root, file, &l);
     size_t unused = 0;
     for (size_t i = 0; i < shots->count && (l.train || l.test) && !code; i++) {
         struct sg_shot *shot = &shots->items[i];
         const bool held_out = json_object_get(l.test, shot->file) != NULL;
+        if (held_out) /* in the place of true: it takes no memory */
+            json_object_set_new(l.test, shot->file, json_false());
         shot->split = held_out ? SG_SPLIT_TEST : SG_SPLIT_TRAIN;
         shot->unused = !held_out && l.train && !json_object_get(l.train, shot->file);
         unused += shot->unused;
     }
-    if (unused)
+    if (!code)
+        code = check_test(ctx, &l, file);
+    if (unused && !code)
         sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames are in no split and stay unused", file,
                unused, shots->count);
     sg_split_lists_clear(&l);
@@ -130,6 +150,7 @@ static int read_mask_path(sg_ctx *ctx, const json_t *frame, const char *where, s
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: \"mask_path\": found \"%s\", expected a path inside the scene", where,
                        mask);
+    shot->mask_any = true;
     shot->mask = sg_strdup(ctx, mask);
     return shot->mask ? SG_OK : SG_ERR_BUDGET;
 }

@@ -44,6 +44,7 @@ struct sg_shot {
     char *name;         /* base name up to the first dot */
     char *path;         /* where the photo is; NULL until resolved */
     char *mask;         /* where its mask is, or NULL */
+    bool mask_any;      /* all of the mask but 0 is used, else what is above one half */
     char *camera;       /* which one it was taken with, for messages */
     uint32_t camera_id; /* of COLMAP */
     struct sg_lens lens;
@@ -77,6 +78,8 @@ void sg_shots_sort(struct sg_shots *shots); /* by view name, byte order */
  * are the same. */
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first,
                          const char *where);
+/* No two shots have the same photo. */
+int sg_shots_check_paths(sg_ctx *ctx, const struct sg_shots *shots, const char *where);
 /* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp), or one added
  * where it has none, if there is such a file: photos that were converted keep their place. *out:
  * NULL if there is none. */

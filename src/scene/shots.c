@@ -176,6 +176,35 @@ int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first
     return code;
 }
 
+static int by_pointed_path(const void *a, const void *b)
+{
+    const struct sg_shot *x = *(const struct sg_shot *const *) a,
+                         *y = *(const struct sg_shot *const *) b;
+    const int order = strcmp(x->path, y->path);
+    return order ? order : strcmp(x->file, y->file);
+}
+
+int sg_shots_check_paths(sg_ctx *ctx, const struct sg_shots *shots, const char *where)
+{
+    struct sg_shot **found =
+        sg_alloc(ctx, SG_MEM_MISC, shots->count ? shots->count : 1, sizeof(*found));
+    size_t n = 0;
+    int code = found ? SG_OK : SG_ERR_BUDGET;
+    for (size_t i = 0; i < shots->count && !code; i++)
+        if (shots->items[i].path)
+            found[n++] = &shots->items[i];
+    if (!code)
+        qsort(found, n, sizeof(*found), by_pointed_path);
+    for (size_t i = 1; i < n && !code; i++)
+        if (!strcmp(found[i - 1]->path, found[i]->path))
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found the photo %s alone for the images \"%s\" and \"%s\", "
+                           "expected one for each, in the folders of their names",
+                           where, found[i]->path, found[i - 1]->file, found[i]->file);
+    sg_free(found);
+    return code;
+}
+
 static bool within(double x, double limit) /* false for NaN */
 {
     return fabs(x) <= limit;

@@ -38,6 +38,7 @@ int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, ch
 /* nerfstudio.c: the split that the scene's own file gives. */
 struct sg_split_lists {
     json_t *train, *test; /* objects whose keys are names as struct sg_shot has them; or NULL */
+    const char *test_key; /* the name of the list test */
     void *room;           /* their memory, in the ledger */
 };
 

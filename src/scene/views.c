@@ -10,6 +10,7 @@
 #include "image/smooth.h"
 #include "scene/photo.h"
 #include "scene/reader.h"
+#include "scene/used.h"
 
 struct job {
     sg_ctx *ctx;
@@ -20,6 +21,7 @@ struct job {
     atomic_bool crowded; /* there was no memory to decode another photo at the same time */
     pthread_mutex_t lock;
     bool *left_out;        /* of each photo: it cannot be decoded */
+    bool *blank;           /* of each photo: it has no used pixel */
     size_t first;          /* of them */
     struct sg_failure why; /* of the first */
 };
@@ -139,6 +141,8 @@ static int load_mask(sg_ctx *ctx, const struct sg_scene_files *files, const stru
         const uint8_t *p = image.pixels + i * step;
         image.pixels[i] = (uint8_t) ((p[0] + p[1] + p[2]) / 3);
     }
+    for (size_t i = 0; i < n && shot->mask_any; i++)
+        image.pixels[i] = image.pixels[i] ? 255 : 0;
     if (!has_same_shape(image.width, image.height, width, height)) {
         code =
             sg_fail(ctx, SG_ERR_INPUT,
@@ -376,6 +380,8 @@ static int load_view(struct job *job, size_t i)
     sg_meter_begin(&meter);
     int code = sg_view_load(job->ctx, job->files, shot, view, &broken);
     sg_meter_end(&meter);
+    if (!code)
+        job->blank[i] = !sg_views_used(view, 1);
     if (!code && job->lazy)
         code = sg_lazy_photo_keep(job->ctx, job->lazy, shot, (uint64_t) meter.peak, view);
     sg_failures_apart(NULL);
@@ -479,6 +485,25 @@ static int say_left_out(const struct job *job, size_t n)
     return SG_OK;
 }
 
+/* A mask that is the wrong way round, or of other values than its readers expect, looks like this.
+ */
+static void say_blank(const struct job *job, size_t n)
+{
+    size_t blank = 0, photos = 0, first = 0;
+    for (size_t i = 0; i < n; i++)
+        if (job->files->shots.items[i].half != SG_HALF_LEFT && !job->left_out[i]) {
+            photos++;
+            if (job->blank[i] && !blank++)
+                first = i;
+        }
+    const struct sg_shot *shot = &job->files->shots.items[first];
+    if (blank)
+        sg_log(job->ctx, SG_LOG_WARN,
+               "%zu of %zu photos have no used pixel and teach nothing; the first is %s%s%s", blank,
+               photos, shot->path, shot->mask ? ", with the mask " : "",
+               shot->mask ? shot->mask : "");
+}
+
 int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
                   const struct sg_scene_files *files, struct sg_lazy_photos *lazy,
                   struct sg_view *views)
@@ -490,14 +515,18 @@ int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
                       .views = views,
                       .lock = PTHREAD_MUTEX_INITIALIZER,
                       .first = SIZE_MAX,
-                      .left_out = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*job.left_out))};
-    int code =
-        job.left_out ? sg_parallel_stage(ctx, SG_STAGE_LOAD, n, load_one, &job) : SG_ERR_BUDGET;
+                      .left_out = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*job.left_out)),
+                      .blank = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*job.blank))};
+    int code = job.left_out && job.blank ? sg_parallel_stage(ctx, SG_STAGE_LOAD, n, load_one, &job)
+                                         : SG_ERR_BUDGET;
     if (!code)
         code = atomic_load(&job.crowded) ? load_rest(&job, n) : atomic_load(&job.code);
     if (!code)
         code = say_left_out(&job, n);
+    if (!code)
+        say_blank(&job, n);
     sg_free(job.left_out);
+    sg_free(job.blank);
     if (!code && lazy)
         sg_lazy_photos_settle(ctx, lazy);
     return code ? code : check_scale(ctx, params, &files->shots, views);
