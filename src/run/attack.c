@@ -408,7 +408,10 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
     /* Nothing of an earlier attack is removed before this one can begin. */
     if (!code && !r->resume) {
         *fresh = !sg_run_has_files(p->folder);
-        code = begin_files(r);
+        /* Until this one ends, the images of an earlier attack must not be taken for its own. */
+        code = sg_poisoned_scene_begin(r->ctx, r->scene, &p->files, p->folder);
+        if (!code)
+            code = begin_files(r);
     } else if (!code && !sg_run_has(r->ctx, p->folder, "attack/checkpoint.bin"))
         code = write_config(r);
     return code;

@@ -68,14 +68,18 @@ for image in poisoned/train/*.png; do
     cmp "cut/train/${image##*/}" "whole/train/${image##*/}" || fail "resumed at $reached, other poisons"
 done
 
-# An interrupted proxy is continued too.
-"$tool" attack scene/colmap -o early $(once $options --proxy-iterations 20000) 2>err &
+# An interrupted proxy is continued too. The images of the attack that it replaces are no scene any more.
+expect 0 attack scene/colmap -o early --method noise --quiet
+expect 0 info early
+"$tool" attack scene/colmap -o early --force $(once $options --proxy-iterations 20000) 2>err &
 pid=$!
 wait_for early/attack/proxy/log.jsonl
 interrupt $pid
 [ $? = 130 ] || fail "interrupted in the proxy"
 [ -s early/attack/proxy/checkpoint.bin ] || fail "the proxy is not saved"
-says 'attack --resume early'; grep -q 'train --resume' err && fail "the proxy's own command continues no attack"
+says 'attack --resume early'
+grep -q 'train --resume' err && fail "the proxy's own command continues no attack"
+expect 2 train early -o none; says 'early: found no scene'
 
 # What cannot be written does not cost the attack.
 expect 0 attack scene/blender -o blocked --method noise --quiet
