@@ -164,9 +164,9 @@ function size() {
 }
 
 function paint() {
-    const of = scene.model ? kind() : PHOTO, picture = of === PHOTO ? photo : render, [w, h] = size();
+    const of = scene.model ? kind() : PHOTO, picture = of !== PHOTO ? render : photoView === view ? photo : null, [w, h] = size();
     if (canvas.width !== w || canvas.height !== h) canvas.width = w, canvas.height = h;
-    if (!picture) return;
+    if (!picture) return context.clearRect(0, 0, w, h);
     context.drawImage(picture, 0, 0, w, h);
     const edge = Math.round(w * $('wipe').value / 100);
     if (edge && photoView === view && of !== PHOTO) {
@@ -202,9 +202,11 @@ function moved() {
     draw(true);
 }
 
+// To where the keys point; around the middle, the near side goes there. The tilt comes first: about an axis that
+// has turned it would roll the camera.
 function turn(right, down) {
     const around = orbits() ? pivot : camera.c;
-    for (const [axis, angle] of [[up, orbits() ? right : -right], [camera.R[0], orbits() ? -down : down]]) {
+    for (const [axis, angle] of [[camera.R[0], -down], [up, -right]]) {
         camera.R = camera.R.map(row => unit(turned(row, axis, angle)));
         camera.c = add(around, turned(add(camera.c, around, -1), axis, angle));
     }
@@ -354,7 +356,7 @@ $('stop').addEventListener('click', () => {
 // ---- begin ----
 async function begin() {
     const answer = await fetch('scene');
-    if (answer.status === 503) return setTimeout(begin, 500); // it is being loaded
+    if (answer.status === 503) return setTimeout(start, 500); // it is being loaded
     scene = await answer.json();
     document.title = scene.title + ' – splatguard';
     $('title').textContent = scene.title;
@@ -384,4 +386,11 @@ async function begin() {
         poll();
     }
 }
-begin().catch(error => { $('message').textContent = 'No page: ' + error.message; $('message').classList.add('bad'); });
+
+function start() {
+    begin().catch(error => {
+        $('message').textContent = 'No page: ' + error.message;
+        $('message').classList.add('bad');
+    });
+}
+start();

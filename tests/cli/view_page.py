@@ -64,6 +64,19 @@ try:
     assert b.evaluate("""(() => { jump(0); $('mode').value = 'orbit';
         const far = length(add(camera.c, pivot, -1)); turn(.3, .2);
         return Math.abs(length(add(camera.c, pivot, -1)) / far - 1) < 1e-9 && Math.abs(dot(camera.R[0], camera.R[1])) < 1e-9; })()""")
+    # However it is turned, in however large steps, the horizon stays level. Down looks down, and lifts the camera around
+    # the middle; right looks right, and takes the camera to the left.
+    for mode in "fly", "orbit":
+        rolls, turned, moved = b.evaluate("""(() => { jump(0); $('mode').value = MODE;
+            const [right, , before] = camera.R, c = camera.c, level = dot(right, up);
+            turn(.3, 0); const sideways = [dot(camera.R[2], right), dot(add(camera.c, c, -1), right)];
+            jump(0); turn(0, .1); const down = [dot(camera.R[2], up) - dot(before, up), dot(add(camera.c, c, -1), up)];
+            jump(0);
+            for (let k = 0; k < 10; k++) turn(k % 2 ? -.7 : .7, k % 2 ? -.2 : .2);
+            return [Math.abs(dot(camera.R[0], up) - level), [sideways[0], down[0]], [sideways[1], down[1]]]; })()""".replace("MODE", repr(mode)))
+        assert rolls < 1e-9, rolls
+        assert turned[0] > 0 > turned[1], (mode, turned)
+        assert (moved[0] < 0 < moved[1]) if mode == "orbit" else moved == [0, 0], (mode, moved)
     # Back at a photo it turns about the middle again, wherever panning has taken that.
     assert b.evaluate("""(() => { jump(0), step(.3, .2, 0);
         const away = length(add(pivot, middle, -1)); jump(0);

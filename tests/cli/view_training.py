@@ -77,6 +77,13 @@ try:
         last = max(last, now["iteration"])
         picture(drawn % (5 if anchors else 8), drawn % len(scene["views"]))
         drawn += 1
+except urllib.error.HTTPError as error:  # of pictures that cannot be drawn, unless the training is over
+    try:
+        state()
+    except (urllib.error.URLError, OSError, ValueError):
+        pass
+    else:
+        raise error
 except (urllib.error.URLError, OSError, ValueError):
     pass
 assert drawn > 3 and last > paused["iteration"], (drawn, last)
