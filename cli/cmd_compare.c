@@ -112,14 +112,18 @@ static int measure(struct run *r, const struct compare_config *config, const boo
         const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, &v.eval, &e);
         code = error ? report(v.ctx, error) : 0;
         r->value[FPS] = e.fps, r->value[PSNR] = e.psnr, r->value[SSIM] = e.ssim;
+        r->tested[0] = (double) v.n, r->tested[1] = 0;
+        for (size_t i = 0; i < v.n; i++)
+            r->tested[1] += (double) v.views[i].camera.width * (double) v.views[i].camera.height;
         sg_eval_clear(&e);
     }
     model_views_close(&v);
     return code;
 }
 
-/* Runs that were measured on other views than the first one, as far as that is known. */
-static void warn_of_views(const struct run *runs, int n)
+/* Runs that were measured on other views than the first one, as far as that is known. With --scene
+ * each has the options of its own photos, where the command line has none. */
+static void warn_of_views(const struct run *runs, int n, bool scene)
 {
     for (int i = 1; i < n; i++) {
         const struct run *a = &runs[0], *b = &runs[i];
@@ -127,8 +131,10 @@ static void warn_of_views(const struct run *runs, int n)
             (fabs(a->tested[0] - b->tested[0]) > 0 || fabs(a->tested[1] - b->tested[1]) > 0))
             say(stderr,
                 "warning: %s: measured on %.0f test views with %.0f pixels, %s on %.0f with %.0f: "
-                "--scene measures all on the same\n",
-                b->path, b->tested[0], b->tested[1], a->path, a->tested[0], a->tested[1]);
+                "%s\n",
+                b->path, b->tested[0], b->tested[1], a->path, a->tested[0], a->tested[1],
+                scene ? "options of the scene, as --downscale N, hold for all runs"
+                      : "--scene measures all on the same");
     }
 }
 
@@ -325,8 +331,8 @@ static int run_compare(const void *config, const bool *given, const char *const 
         if (!code && c->m.scene_path)
             code = measure(&runs[i], c, given);
     }
-    if (!code && !c->m.scene_path)
-        warn_of_views(runs, count);
+    if (!code)
+        warn_of_views(runs, count, c->m.scene_path);
     if (!code && c->html) {
         code = write_html(c, runs, count);
         if (!code && !c->m.quiet)

@@ -129,6 +129,44 @@ int model_views_find(struct model_views *v, const char *model, const struct comm
     return code;
 }
 
+/* Whether entries first to end of a cameras.json have the name. */
+static bool has_name(const json_t *cameras, size_t first, size_t end, const char *name)
+{
+    for (size_t i = first; i < end; i++) {
+        const char *other =
+            json_string_value(json_object_get(json_array_get(cameras, i), "img_name"));
+        if (other && !strcmp(other, name))
+            return true;
+    }
+    return false;
+}
+
+/* Which photos are test views follows from all that are there. A run knows which it has learned
+ * from: its cameras.json has its test views first. */
+static void warn_of_learned(const struct model_views *v)
+{
+    sg_run_summary *summary = NULL;
+    char path[PATH_MAX];
+    snprintf(path, sizeof(path), "%s/cameras.json", v->run.folder);
+    json_t *cameras = json_load_file(path, 0, NULL);
+    const size_t n = json_array_size(cameras);
+    size_t learned = 0, first = 0;
+    const double tests = sg_run_summary_read(v->ctx, v->run.folder, &summary)
+                             ? NAN
+                             : sg_run_summary_number(summary, "test_views");
+    for (size_t i = 0; i < v->n && tests >= 0 && tests < (double) n; i++)
+        if (has_name(cameras, (size_t) tests, n, v->views[i].name) &&
+            !has_name(cameras, 0, (size_t) tests, v->views[i].name) && !learned++)
+            first = i;
+    sg_run_summary_destroy(&summary);
+    json_decref(cameras);
+    if (learned)
+        say(stderr,
+            "warning: the run has learned from %zu of the %zu test views, the first is %s: the "
+            "photos or the choice of test views are not those of its training\n",
+            learned, v->n, v->views[first].name);
+}
+
 int model_views_load(struct model_views *v, const struct command *command, const bool *given,
                      const void *config, struct model_options *o)
 {
@@ -165,6 +203,9 @@ int model_views_load(struct model_views *v, const struct command *command, const
                 "warning: the run was trained without --eval: it has seen the test views\n");
         v->views = o->split == 0 ? v->scene->test : v->scene->train;
         v->n = o->split == 0 ? v->scene->n_test : v->scene->n_train;
+        if (o->split == 0 && v->scene->format != SG_FORMAT_BLENDER && is_run && v->run.scene.eval &&
+            !o->scene.test_halves)
+            warn_of_learned(v);
         if (!v->n) {
             say(stderr, "splatguard: %s: found no %s views\n", o->scene_path,
                 o->split == 0 ? "test" : "train");

@@ -63,7 +63,11 @@ grep -q "^<tr><th scope=row>Gaussians, most<td>$most<td>$most (1.00x)" both.html
 grep -q warning err && fail "runs of the same views are told apart"
 expect 0 train scene/colmap -o small --eval --iterations 2 --downscale 2 -q
 expect 0 compare "$name" small; grep -qE '^warning: small: measured on [0-9]+ test views with [1-9][0-9]* pixels, run .* on [0-9]+ with [1-9][0-9]*: --scene measures' err || fail "compare says $(cat err)"
-expect 0 compare "$name" small --scene scene/colmap; grep -q warning err && fail "runs that were measured on the same are told apart"
+expect 0 compare "$name" small --scene scene/colmap; says 'warning: small: measured on'; says '--downscale N, hold for all runs'
+expect 0 compare "$name" small --scene scene/colmap --downscale 1; grep -q warning err && fail "runs that were measured on the same are told apart"
+# A run is not measured unnoticed on what it has learned.
+expect 0 eval "$name" -q; grep -q learned err && fail "a run's own test views were learned"
+expect 0 eval "$name" -q --test-every 2; says 'warning: the run has learned from'
 echo '{"psnr": 12}' >small/summary.json
 expect 2 compare "$name" small; says 'small/summary.json: found no number iterations, expected the summary of a run'
 
