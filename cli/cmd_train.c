@@ -234,8 +234,14 @@ static int train(sg_ctx *ctx, struct train_config *c, struct train_view *view)
     }
     sg_run_status(run, &s);
     if (s.finished) {
-        say(stderr, "%s: all %d iterations are done; --iterations asks for more\n", c->run.folder,
-            s.iteration);
+        if (s.limits.steps < (uint64_t) s.iteration)
+            say(stderr,
+                "%s: time was short: %llu iterations were done, and the schedule of all %d is "
+                "complete; a longer training begins anew (--force)\n",
+                c->run.folder, (unsigned long long) s.limits.steps, s.iteration);
+        else
+            say(stderr, "%s: all %d iterations are done; --iterations asks for more\n",
+                c->run.folder, s.iteration);
         sg_run_close(&run);
         return STATUS_DONE;
     }

@@ -282,7 +282,9 @@ static void test_what_differs(void **state)
         const char *message;
     } others[] = {
         {AT_SEED, 43, 8, ": seed: found 43, expected 42, that of this run"},
-        {AT_VIEWS, 3, 8, ": training views: found 3, expected 2, those of this scene"},
+        {AT_VIEWS, 3, 8,
+         ": training views: found 3, expected the 2 that the scene has now: photos are missing or "
+         "new"},
         {AT_EXTENT, 0x4010000000000000u, 8, ": extent: found 4, expected 3, that of this scene"},
         {AT_DEGREE, 4, 4, ": SH degree: found 4, expected 0 to 3"},
         {AT_START, 2, 4, ": first SH degree: found 2, expected 0 to 1"},

@@ -472,7 +472,8 @@ static int check_begin(sg_run *r, char init[PATH_MAX])
     if (sg_run_has(r->ctx, p->folder, "checkpoint.bin"))
         return SG_OK;
     return sg_fail(r->ctx, SG_ERR_INPUT,
-                   "%s: found no checkpoint to continue from, expected one, or to replace the run",
+                   "%s: found no checkpoint, expected one: the run cannot be continued, only "
+                   "replaced",
                    p->folder);
 }
 

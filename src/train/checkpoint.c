@@ -324,9 +324,11 @@ static int check_numbers(const sg_trainer *t, const char *path,
         return sg_fail(ctx, SG_ERR_INPUT, "%s: first SH degree: found %d, expected 0 to %d", path,
                        h->start_degree, h->sh_degree);
     if (h->views != t->scene->n_train)
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: training views: found %llu, expected %zu, those of this scene", path,
-                       (unsigned long long) h->views, t->scene->n_train);
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: training views: found %llu, expected the %zu that the scene has now: photos are "
+            "missing or new",
+            path, (unsigned long long) h->views, t->scene->n_train);
     if (h->seed != t->params.seed)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: seed: found %llu, expected %llu, that of this run",
                        path, (unsigned long long) h->seed, (unsigned long long) t->params.seed);

@@ -138,10 +138,12 @@ small=$(ls scene/colmap)
 "$tool" train scene/colmap -o soon -q --iterations 100000 --max-time 100s &
 pid=$!
 wait_for soon/config.json
+expect 2 eval soon; says 'soon: found a run that has saved no model yet'
 interrupt $pid
 [ $? = 130 ] || fail "interrupted as it began: another exit code"
 expect 0 train --resume soon -q --max-time 3s # there is less time now
 grep -q '"max_time": 3\.0' soon/summary.json || fail "the run had $(grep max_time soon/summary.json)"
+expect 0 train --resume soon -q --max-time 1h; says 'time was short: '; says 'a longer training begins anew (--force)'
 
 # timeout(1) sends its signal twice, to the process and to its group: that is one interruption. Another one, a second later,
 # does not wait for the iteration.
