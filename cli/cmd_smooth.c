@@ -102,8 +102,10 @@ const struct command command_smooth = {
     .name = "smooth",
     .arguments = "SCENE -o SMOOTHED [options]",
     .summary = "Writes a copy of a scene with smoothed photos.",
-    .description = "Makes a copy of SCENE, in its own layout, whose photos a filter has smoothed: "
-                   "the same photos as `train --smooth` makes while it loads them.",
+    .description =
+        "Makes a copy of SCENE, in its own layout, whose photos a filter has smoothed: "
+        "the same photos as `train --smooth` makes while it loads them, with --save png and "
+        "--views train.",
     .groups = "Defense|Files|Scene",
     .options = smooth_options,
     .parts = smooth_parts,
