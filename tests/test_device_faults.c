@@ -385,6 +385,7 @@ static int train_run(sg_ctx *ctx, enum sg_run_start start)
     p.source = scene_path, p.folder = run_folder, p.save_every = 2, p.train.engine = device;
     p.train.iterations = 5, p.train.sh_degree = 0, p.train.densify_from_iter = 1;
     p.train.densification_interval = 2, p.train.densify_until_iter = 5;
+    p.train.opacity_reset_interval = 3;
     int code = sg_run_open(ctx, &p, start, &r);
     if (!code)
         code = sg_run_train(r);

@@ -366,15 +366,17 @@ int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics
     return code;
 }
 
+/* Submitted at once: what is refused later must not lose it unnoticed. */
 static int move(struct vulkan_engine *e, uint32_t what, float limit)
 {
     const bool moments = e->at[SG_C_MOMENT1].buffer && e->at[SG_C_MOMENT2].buffer;
-    return GPU_RUN(e->gpu, move, 0, FOR_EACH(e->count), .params = e->at[SG_C_PARAMETERS].address,
-                   .shaped = sg_gpu_at(e->gpu, &e->at[SG_C_SHAPED]),
-                   .m = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT1]),
-                   .v = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT2]), .count = (uint32_t) e->count,
-                   .planes = (uint32_t) e->planes, .what = what, .moments = moments,
-                   .limit = limit);
+    const int code =
+        GPU_RUN(e->gpu, move, 0, FOR_EACH(e->count), .params = e->at[SG_C_PARAMETERS].address,
+                .shaped = sg_gpu_at(e->gpu, &e->at[SG_C_SHAPED]),
+                .m = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT1]),
+                .v = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT2]), .count = (uint32_t) e->count,
+                .planes = (uint32_t) e->planes, .what = what, .moments = moments, .limit = limit);
+    return code ? code : sg_gpu_flush(e->gpu);
 }
 
 int sg_vulkan_floor_scale(struct sg_engine *base, float smallest)
