@@ -236,7 +236,7 @@ static void nerfstudio_masks(void **state)
     assert_int_equal(sg_image_write_png(f->ctx, at(f, "m/a.png"), ones, 2, 2, 1), SG_OK);
     s = load(f, NULL);
     assert_memory_equal(s->train[0].mask, mask, 4);
-    assert_int_equal(f->warnings, 0);
+    assert_null(strstr(f->said, "no used pixel"));
     sg_scene_destroy(&s);
     assert_int_equal(sg_image_write_png(f->ctx, at(f, "m/a.png"), none, 2, 2, 1), SG_OK);
     s = load(f, NULL);
