@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The results of benchmarks in an SQLite database. */
+#include <errno.h>
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -213,6 +215,23 @@ static int upgrade(struct store *s)
     return end(s, code);
 }
 
+/* Says why there is no file and will be none: SQLite would name the reason of another try. */
+static bool cannot_make(const char *path, bool must_exist)
+{
+    char folder[PATH_MAX];
+    const char *slash = strrchr(path, '/');
+    const int n = snprintf(folder, sizeof(folder), "%.*s/", slash ? (int) (slash - path) : 1,
+                           slash ? path : ".");
+    if (must_exist)
+        say(stderr, "splatguard: %s: %s, expected a database of splatguard bench or a run\n", path,
+            strerror(errno));
+    else if (n < (int) sizeof(folder) && access(folder, W_OK))
+        say(stderr, "splatguard: %s: cannot make the database: %s\n", path, strerror(errno));
+    else
+        return false;
+    return true;
+}
+
 int store_open(const char *path, bool must_exist, struct store **out)
 {
     struct stat st;
@@ -225,6 +244,8 @@ int store_open(const char *path, bool must_exist, struct store **out)
             S_ISREG(st.st_mode) ? "an empty file" : "what is no file");
         return STATUS_INPUT;
     }
+    if (!there && cannot_make(path, must_exist))
+        return STATUS_INPUT;
     const int flags =
         must_exist ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
     char *file = NULL; /* to SQLite ":memory:" and "file:x" would be no files of these names */

@@ -119,6 +119,12 @@ static int run_convert(const void *config, const bool *given, const char *const 
     return status;
 }
 
+static const struct option_hint convert_hints[] = {
+    {"o", "OUT is named without an option: convert RUN|MODEL OUT"},
+    {"output", "OUT is named without an option: convert RUN|MODEL OUT"},
+    {0},
+};
+
 const struct command command_convert = {
     .name = "convert",
     .arguments = "RUN|MODEL OUT [options]",
@@ -130,6 +136,7 @@ const struct command command_convert = {
         "docs/formats.md has how much. OUT must be new.",
     .groups = "Selection|Output",
     .options = convert_options,
+    .hints = convert_hints,
     .config_size = sizeof(struct convert_config),
     .defaults = defaults,
     .min_positional = 2,

@@ -68,6 +68,12 @@ static int run_export(const void *config, const bool *given, const char *const *
     return code;
 }
 
+static const struct option_hint export_hints[] = {
+    {"o", "OUT is named without an option: export RUN|MODEL OUT"},
+    {"output", "OUT is named without an option: export RUN|MODEL OUT"},
+    {0},
+};
+
 const struct command command_export = {
     .name = "export",
     .arguments = "RUN|MODEL OUT --view-independent [options]",
@@ -80,6 +86,7 @@ const struct command command_export = {
     .groups = "Output|" MODEL_GROUPS,
     .options = export_options,
     .parts = export_parts,
+    .hints = export_hints,
     .config_size = sizeof(struct export_config),
     .defaults = defaults,
     .min_positional = 2,

@@ -169,9 +169,9 @@ int open_engine_context(sg_ctx **ctx, int threads, uint64_t max_memory, uint64_t
         mallopt(M_MMAP_THRESHOLD, 1 << 20);
         if (max_memory < least) {
             say(stderr,
-                "splatguard: --max-memory: found %llu bytes, expected at least %llu for the "
-                "process itself\n",
-                (unsigned long long) max_memory, (unsigned long long) least);
+                "splatguard: --max-memory: found %llu bytes, expected at least %lluM for the "
+                "process itself\n", /* which varies by little */
+                (unsigned long long) max_memory, (unsigned long long) (least >> 20) + 1);
             return STATUS_BUDGET;
         }
         memory.whole = max_memory, memory.outside = outside;

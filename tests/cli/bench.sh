@@ -300,8 +300,8 @@ for lock in lock.db.work/*.lock; do ln -sf nowhere "$lock"; done
 expect 2 bench plan.json -o lock.db -q; says '.lock: Too many levels of symbolic links'
 
 # Databases that cannot be used stay as they are.
-expect 2 bench plan.json -o nowhere/x.db; says 'nowhere/x.db: unable to open database file: No such file or directory'
-expect 2 report missing.db -o x; says 'missing.db: unable to open database file: No such file or directory'
+expect 2 bench plan.json -o nowhere/x.db; says 'nowhere/x.db: cannot make the database: No such file or directory'
+expect 2 report missing.db -o x; says 'missing.db: No such file or directory, expected a database of splatguard bench or a run'
 [ ! -e x ] || fail "a report of nothing left something"
 echo 'this is no database, but a file that somebody needs, and it is long enough to be looked at....' >file.db
 cp file.db copy.db

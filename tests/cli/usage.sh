@@ -39,6 +39,7 @@ expect 1 train nowhere -o none --save_iterations 7000; says 'unknown option --sa
 expect 1 frobnicate; says 'unknown command "frobnicate"; splatguard --help'
 
 expect 1 train scene -o run --iteration 5; says 'did you mean --iterations?'
+expect 1 convert a b -o c; says 'unknown option -o; OUT is named without an option: convert RUN|MODEL OUT'
 expect 1 train --hlep; says 'unknown option --hlep; did you mean --help?'
 expect 1 train --xyz; says 'unknown option --xyz'; ! grep -q 'did you mean' err || fail "a name is suggested that is like none"
 expect 1 train scene -o run --densify_grad_treshold 5; says 'did you mean --densify-grad-threshold?'
