@@ -294,6 +294,15 @@ static void colmap_one_photo_for_two(void **state)
     struct sg_scene *s = load(f, NULL);
     assert_int_equal(s->n_train, 3);
     sg_scene_destroy(&s);
+    /* An image has a photo at its own place, the other's is missing. */
+    put_text(f, "sparse/images.txt",
+             "1 1 0 0 0 0 0 0 1 gone/2.png\n\n2 1 0 0 0 1 0 0 1 2.png\n0 0 +7 1 1 -1.0e+00\n");
+    s = load(f, NULL);
+    assert_int_equal(s->n_train, 1);
+    assert_string_equal(s->train[0].file, "2.png");
+    assert_non_null(
+        strstr(f->said, "1 of 2 photos are missing and are skipped, the first is gone/"));
+    sg_scene_destroy(&s);
 }
 
 /* Lenses of COLMAP without a row of struct sg_lens are named in the text and numbered in the

@@ -28,16 +28,6 @@ int sg_points_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_points
                     "%s: header: found no properties x, y and z, expected a point cloud", in->path);
         goto done;
     }
-    for (int k = 0; k < 3 && coloured && !code; k++) {
-        const enum ply_type type = p.property[colour[k]].type;
-        if (type != PLY_U8 && type != PLY_I8 && type < PLY_F32)
-            code = sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: header: property \"%s\": found another type, expected uchar, or "
-                           "float from 0 to 1",
-                           in->path, p.property[colour[k]].name);
-    }
-    if (code)
-        goto done;
     const uint64_t count = p.rows;
     *xyz = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) count, 3 * sizeof(float));
     *rgb = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) count, 3);
@@ -55,6 +45,11 @@ int sg_points_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_points
             float c = coloured ? row[colour[k]] : 127;
             if (coloured && p.property[colour[k]].type >= PLY_F32) /* 0..1 */
                 c = c * 255 + 0.5f;
+            else if (c > 255 && !code) /* of 16 bits */
+                code = sg_fail(
+                    ctx, SG_ERR_INPUT,
+                    "%s: row %llu: found %s %g, expected 0 to 255, or floats from 0 to 1", in->path,
+                    (unsigned long long) i, p.property[colour[k]].name, (double) c);
             (*rgb)[3 * i + (uint64_t) k] = (uint8_t) (c > 0 ? c < 255 ? c : 255 : 0); /* NaN: 0 */
         }
     if (!code)

@@ -233,7 +233,7 @@ static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *ima
             if (!path)
                 return SG_ERR_BUDGET;
             if (sg_folder_has(dir, path)) {
-                shot->path = path;
+                shot->path = path, shot->moved = k > 0;
                 break;
             }
             if (!k)

@@ -185,12 +185,14 @@ int sg_colmap_cameras_txt(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_ca
     return code ? code : sg_colmap_sort_cameras(ctx, out, in->path);
 }
 
-/* X, Y and a whole number for each point, -1 where it is in no track. The name of another image,
- * which the number of words need not tell, is none. */
+/* X, Y and a number for each point. The name of another image, which the number of words need not
+ * tell, is none. */
 static bool has_points(const struct lines *l)
 {
-    const char *id = l->last + (l->last[0] == '-');
-    return l->words % 3 == 0 && (!l->words || (*id && !id[strspn(id, "0123456789")]));
+    char *end;
+    const char *last = l->last + (l->last[0] == '+');
+    sg_strtod(last, &end);
+    return l->words % 3 == 0 && (!l->words || (end != last && !*end));
 }
 
 int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,

@@ -43,6 +43,7 @@ struct sg_shot {
     char *file;         /* as the scene file names the photo */
     char *name;         /* base name up to the first dot */
     char *path;         /* where the photo is; NULL until resolved */
+    bool moved;         /* the photo is not in the folder that the scene file names */
     char *mask;         /* where its mask is, or NULL */
     bool mask_any;      /* all of the mask but 0 is used, else what is above one half */
     char *camera;       /* which one it was taken with, for messages */
@@ -78,7 +79,8 @@ void sg_shots_sort(struct sg_shots *shots); /* by view name, byte order */
  * are the same. */
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first,
                          const char *where);
-/* No two shots have the same photo. */
+/* No two shots have the same photo: one of another folder is missing where an image has that place
+ * itself, and refused where several images would have it. */
 int sg_shots_check_paths(sg_ctx *ctx, const struct sg_shots *shots, const char *where);
 /* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp), or one added
  * where it has none, if there is such a file: photos that were converted keep their place. *out:

@@ -181,7 +181,7 @@ static int by_pointed_path(const void *a, const void *b)
     const struct sg_shot *x = *(const struct sg_shot *const *) a,
                          *y = *(const struct sg_shot *const *) b;
     const int order = strcmp(x->path, y->path);
-    return order ? order : strcmp(x->file, y->file);
+    return order ? order : x->moved != y->moved ? x->moved - y->moved : strcmp(x->file, y->file);
 }
 
 int sg_shots_check_paths(sg_ctx *ctx, const struct sg_shots *shots, const char *where)
@@ -195,8 +195,13 @@ int sg_shots_check_paths(sg_ctx *ctx, const struct sg_shots *shots, const char *
             found[n++] = &shots->items[i];
     if (!code)
         qsort(found, n, sizeof(*found), by_pointed_path);
-    for (size_t i = 1; i < n && !code; i++)
-        if (!strcmp(found[i - 1]->path, found[i]->path))
+    for (size_t i = 1, owner = 0; i < n && !code; i++)
+        if (strcmp(found[owner]->path, found[i]->path))
+            owner = i;
+        else if (!found[owner]->moved) {
+            sg_free(found[i]->path);
+            found[i]->path = NULL;
+        } else
             code = sg_fail(ctx, SG_ERR_INPUT,
                            "%s: found the photo %s alone for the images \"%s\" and \"%s\", "
                            "expected one for each, in the folders of their names",

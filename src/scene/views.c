@@ -490,16 +490,18 @@ static int say_left_out(const struct job *job, size_t n)
 static void say_blank(const struct job *job, size_t n)
 {
     size_t blank = 0, photos = 0, first = 0;
-    for (size_t i = 0; i < n; i++)
-        if (job->files->shots.items[i].half != SG_HALF_LEFT && !job->left_out[i]) {
-            photos++;
-            if (job->blank[i] && !blank++)
-                first = i;
-        }
+    for (size_t i = 0; i < n; i++) {
+        const enum sg_half half = job->files->shots.items[i].half;
+        if (half == SG_HALF_LEFT || job->left_out[i])
+            continue; /* it is behind its right half */
+        photos++;
+        if (job->blank[i] && (half == SG_HALF_BOTH || job->blank[i + 1]) && !blank++)
+            first = i;
+    }
     const struct sg_shot *shot = &job->files->shots.items[first];
     if (blank)
         sg_log(job->ctx, SG_LOG_WARN,
-               "%zu of %zu photos have no used pixel and teach nothing; the first is %s%s%s", blank,
+               "%zu of %zu photos have no used pixel and no effect; the first is %s%s%s", blank,
                photos, shot->path, shot->mask ? ", with the mask " : "",
                shot->mask ? shot->mask : "");
 }
