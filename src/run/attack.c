@@ -390,6 +390,19 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     return lost && r->checkpoint ? name_checkpoint(r, code) : code;
 }
 
+/* Whether the proxy can be read, before what it replaces is removed. */
+static int try_proxy(struct attack_run *r, const char *path)
+{
+    struct sg_model *model = NULL;
+    int code = sg_run_has(r->ctx, r->params->folder, "poison.json")
+                   ? sg_model_read_drawable(r->ctx, path, UINT32_MAX, &model)
+                   : SG_OK;
+    if (!code && model)
+        code = sg_model_check(r->ctx, model, path);
+    sg_model_destroy(&model);
+    return code;
+}
+
 /* In a folder that is claimed. *fresh: it was new or empty. */
 static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
 {
@@ -406,6 +419,8 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
     if (!code)
         code = sg_poisoned_scene_check(r->ctx, r->scene, &p->files);
     /* Nothing of an earlier attack is removed before this one can begin. */
+    if (!code && !r->resume && model[0])
+        code = try_proxy(r, model);
     if (!code && !r->resume) {
         *fresh = !sg_run_has_files(p->folder);
         /* Until this one ends, the images of an earlier attack must not be taken for its own. */

@@ -71,6 +71,9 @@ done
 # An interrupted proxy is continued too. The images of the attack that it replaces are no scene any more.
 expect 0 attack scene/colmap -o early --method noise --quiet
 expect 0 info early
+echo ply >early.ply
+expect 2 attack scene/colmap -o early --force --proxy early.ply --quiet; says 'early.ply'
+expect 0 info early
 "$tool" attack scene/colmap -o early --force $(once $options --proxy-iterations 20000) 2>err &
 pid=$!
 wait_for early/attack/proxy/log.jsonl
