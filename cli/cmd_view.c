@@ -56,13 +56,16 @@ static int load_scene(struct viewed *v, struct model_options *o, bool named)
     if (!o->scene_path)
         return STATUS_DONE;
     /* Training views are those of the run. */
-    o->scene.eval = !v->run.folder || v->run.scene.eval;
+    o->scene.eval = !v->run.folder || v->run.scene.eval || o->scene.test_halves;
     o->scene.untrained = true;
-    int error = sg_scene_load(v->ctx, o->scene_path, &o->scene, &v->scene);
+    const int error = sg_scene_load(v->ctx, o->scene_path, &o->scene, &v->scene);
     if (!error && !o->scene.eval && v->scene->format == SG_FORMAT_BLENDER) {
-        o->scene.eval = true; /* its test views are apart in any case */
-        sg_scene_destroy(&v->scene);
-        error = sg_scene_load(v->ctx, o->scene_path, &o->scene, &v->scene);
+        struct sg_scene *whole; /* with its test views, which are apart in any case */
+        o->scene.eval = true;
+        if (!sg_scene_load(v->ctx, o->scene_path, &o->scene, &whole)) {
+            sg_scene_destroy(&v->scene);
+            v->scene = whole;
+        }
     }
     if (!error || named || error == SG_ERR_INTERRUPTED)
         return report(v->ctx, error);

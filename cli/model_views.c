@@ -5,6 +5,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+
+#define CAMERAS_BYTES (64 << 20) /* of a hundred thousand cameras */
 
 struct model_options model_options_default(void)
 {
@@ -129,6 +132,17 @@ int model_views_find(struct model_views *v, const char *model, const struct comm
     return code;
 }
 
+/* The array of a run's cameras.json, or NULL where it is no usual file. */
+static json_t *read_cameras(const char *folder)
+{
+    char path[PATH_MAX];
+    struct stat st;
+    if (snprintf(path, sizeof(path), "%s/cameras.json", folder) >= (int) sizeof(path) ||
+        stat(path, &st) || !S_ISREG(st.st_mode) || st.st_size > CAMERAS_BYTES)
+        return NULL;
+    return json_load_file(path, 0, NULL);
+}
+
 /* Whether entries first to end of a cameras.json have the name. */
 static bool has_name(const json_t *cameras, size_t first, size_t end, const char *name)
 {
@@ -146,17 +160,17 @@ static bool has_name(const json_t *cameras, size_t first, size_t end, const char
 static void warn_of_learned(const struct model_views *v)
 {
     sg_run_summary *summary = NULL;
-    char path[PATH_MAX];
-    snprintf(path, sizeof(path), "%s/cameras.json", v->run.folder);
-    json_t *cameras = json_load_file(path, 0, NULL);
+    json_t *cameras = read_cameras(v->run.folder);
     const size_t n = json_array_size(cameras);
     size_t learned = 0, first = 0;
-    const double tests = sg_run_summary_read(v->ctx, v->run.folder, &summary)
+    /* Test photos may go before a run is resumed, training photos may not. */
+    const double known = sg_run_summary_read(v->ctx, v->run.folder, &summary)
                              ? NAN
-                             : sg_run_summary_number(summary, "test_views");
-    for (size_t i = 0; i < v->n && tests >= 0 && tests < (double) n; i++)
-        if (has_name(cameras, (size_t) tests, n, v->views[i].name) &&
-            !has_name(cameras, 0, (size_t) tests, v->views[i].name) && !learned++)
+                             : sg_run_summary_number(summary, "train_views");
+    const size_t tests = known >= 0 && known <= (double) n ? n - (size_t) known : n;
+    for (size_t i = 0; i < v->n; i++)
+        if (has_name(cameras, tests, n, v->views[i].name) &&
+            !has_name(cameras, 0, tests, v->views[i].name) && !learned++)
             first = i;
     sg_run_summary_destroy(&summary);
     json_decref(cameras);

@@ -182,7 +182,7 @@ int sg_run_find_model(sg_ctx *ctx, const char *path, int iteration, char *out, s
         n = snprintf(out, size, "%s", path);
     } else {
         iteration = iteration ? iteration : newest(ctx, path);
-        if (!iteration && sg_run_has(ctx, path, "config.json"))
+        if (!iteration && sg_run_has_option(ctx, path, "config.json", "iterations"))
             return sg_fail(ctx, SG_ERR_INPUT,
                            "%s: found a run that has saved no model yet, expected one", path);
         if (!iteration)

@@ -75,15 +75,14 @@ python3 "$source_dir/tests/cli/view_requests.py" "$address" "$view" renders scen
 end
 
 # Test photos are those that the run has not learned from. Scenes of Blender have theirs in any case.
-splits() { # SCENE: of the photos, after a training without --eval
-    expect 0 train "$1" -o "all-${1#*/}" --iterations 5 --init-points 50 -q
-    begin "all-${1#*/}"
-    python3 -c 'import json, sys, urllib.request
-print(*sorted({v["split"] for v in json.load(urllib.request.urlopen(sys.argv[1] + "scene"))["views"]}))' "$address"
+for of in "colmap train" "blender test train"; do
+    expect 0 train "scene/${of%% *}" -o "all-${of%% *}" --iterations 5 --init-points 50 -q
+    begin "all-${of%% *}"
+    splits=$(python3 -c 'import json, sys, urllib.request
+print(*sorted({v["split"] for v in json.load(urllib.request.urlopen(sys.argv[1] + "scene"))["views"]}))' "$address")
+    [ "$splits" = "${of#* }" ] || fail "a training of ${of%% *} without --eval shows photos as $splits"
     end
-}
-[ "$(splits scene/colmap)" = train ] || fail "photos that were learned are shown as test photos"
-[ "$(splits scene/blender)" = "test train" ] || fail "no test photos"
+done
 
 # Drawn by the browser, from a file without a name.
 mkdir tmp
