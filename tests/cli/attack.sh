@@ -223,7 +223,7 @@ expect 0 attack linked -o unlinked --method noise --save png --force --follow-li
 cmp cameras.bin unlinked/sparse/0/cameras.bin || fail "links out of the scene"
 expect 2 attack scene/blender -o x --proxy nowhere.ply; says nowhere.ply
 expect 3 attack scene/blender -o x --proxy seed --max-memory 1M # less than the process alone, which varies
-limit=$(($(sed -n 's/.*expected at least \([0-9]*\) for.*/\1/p' err) + 200000))
+limit=$(($(sed -n 's/.*expected at least \([0-9]*\)M for.*/\1/p' err) * 1048576 + 200000))
 expect 3 attack scene/blender -o x --proxy seed --max-memory $limit
 [ -e x ] && fail "what could not begin left a folder: $(ls -R x)"
 [ ! -e scene/blender/x ] || fail "something was written into the scene"

@@ -147,7 +147,7 @@ for defense in off "spectral --filter-interval $every --filter-views 4"; do
     grep -q '"memory"' held/summary.json || fail "$defense: memory was not binding"
 done
 expect 3 train scene/blender -o none $short --resolution 800 --max-memory 1M # less than the process alone, which varies
-limit=$(($(sed -n 's/.*expected at least \([0-9]*\) for.*/\1/p' err) + 2000000))
+limit=$(($(sed -n 's/.*expected at least \([0-9]*\)M for.*/\1/p' err) * 1048576 + 2000000))
 expect 3 train scene/blender -o none $short --resolution 800 --max-memory $limit
 says 'expected at least'
 says "the limit is --max-memory, $limit bytes, less"
