@@ -219,13 +219,10 @@ static int upgrade(struct store *s)
 static bool cannot_make(const char *path, bool must_exist)
 {
     char folder[PATH_MAX];
-    const char *slash = strrchr(path, '/');
-    const int n = snprintf(folder, sizeof(folder), "%.*s/", slash ? (int) (slash - path) : 1,
-                           slash ? path : ".");
     if (must_exist)
         say(stderr, "splatguard: %s: %s, expected a database of splatguard bench or a run\n", path,
             strerror(errno));
-    else if (n < (int) sizeof(folder) && access(folder, W_OK))
+    else if (folder_of(path, folder, sizeof(folder)) && access(folder, W_OK))
         say(stderr, "splatguard: %s: cannot make the database: %s\n", path, strerror(errno));
     else
         return false;

@@ -104,10 +104,8 @@ static void print_jobs(const struct plan *p)
 static int check_outside(const struct plan *p, const char *path)
 {
     char folder[PATH_MAX], whole[PATH_MAX];
-    const char *slash = strrchr(path, '/');
-    snprintf(folder, sizeof(folder), "%.*s", slash ? (int) (slash - path) + 1 : 1,
-             slash ? path : ".");
-    if (!realpath(path, whole) && !realpath(folder, whole))
+    if (!realpath(path, whole) &&
+        (!folder_of(path, folder, sizeof(folder)) || !realpath(folder, whole)))
         return STATUS_DONE; /* opening it says what is wrong */
     for (int i = 0; i < p->n; i++) {
         const char *scene = json_string_value(json_object_get(p->jobs[i].config, "path"));

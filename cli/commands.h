@@ -70,6 +70,8 @@ int json_print(json_t *value, int indent);
 json_t *numbers_json(const double *values, int n);
 
 bool is_folder(const char *path);
+/* The folder that a path is in, with a slash at its end; false where it has no room. */
+bool folder_of(const char *path, char *out, size_t size);
 /* Whether a path is in the folder or is the folder. Both are absolute and without links. */
 bool is_below(const char *path, const char *folder);
 bool is_run_folder(const char *path); /* by the files in it */

@@ -9,6 +9,13 @@
 
 #include "commands.h"
 
+bool folder_of(const char *path, char *out, size_t size)
+{
+    const char *slash = strrchr(path, '/');
+    return snprintf(out, size, "%.*s", slash ? (int) (slash - path) + 1 : 2, slash ? path : "./") <
+           (int) size;
+}
+
 bool is_below(const char *path, const char *folder)
 {
     const size_t n = strlen(folder);
