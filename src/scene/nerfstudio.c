@@ -66,18 +66,17 @@ void sg_split_lists_clear(struct sg_split_lists *l)
  * held out. */
 static int get_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_split_lists *out)
 {
-    static const char train_key[] = "train_filenames", *const test_keys[] = {"test_filenames",
-                                                                             "val_filenames"};
-    uint64_t bytes = bytes_of(json_object_get(root, train_key));
+    static const char *const keys[] = {"train_filenames", "test_filenames", "val_filenames"};
+    uint64_t bytes = 0;
     *out = (struct sg_split_lists){0};
-    for (int k = 0; k < 2; k++)
-        bytes += bytes_of(json_object_get(root, test_keys[k]));
+    for (int k = 0; k < 3; k++)
+        bytes += bytes_of(json_object_get(root, keys[k]));
     int code = sg_reserve(ctx, SG_MEM_MISC, bytes, &out->room);
     if (!code)
-        code = get_list(ctx, root, train_key, file, &out->train);
-    for (int k = 0; k < 2 && !code && !out->test; k++) {
-        out->test_key = test_keys[k];
-        code = get_list(ctx, root, test_keys[k], file, &out->test);
+        code = get_list(ctx, root, keys[0], file, &out->train);
+    for (int k = 1; k < 3 && !code && !out->test; k++) {
+        out->test_key = keys[k];
+        code = get_list(ctx, root, out->test_key, file, &out->test);
     }
     return code;
 }
