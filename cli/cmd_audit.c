@@ -2,7 +2,6 @@
 /* splatguard audit: are these photos poisoned? */
 #include "commands.h"
 #include "interrupt.h"
-#include "photo_folder.h"
 
 struct audit_config {
     struct sg_scene_params scene;
@@ -106,43 +105,15 @@ static int verdict_status(enum sg_audit_verdict verdict)
                                             : STATUS_DONE;
 }
 
-/* Photos without cameras are taken as they are. */
-static int check_photo_options(const bool *given, const char *path)
-{
-    const char *unused =
-        options_given_of(&command_audit, given, &audit_parts[0], "test-every|follow-links|strict");
-    if (unused)
-        say(stderr,
-            "splatguard audit: --%s: found without effect on %s, which has photos but no cameras; "
-            "expected a scene\n",
-            unused, path);
-    return unused ? STATUS_USAGE : STATUS_DONE;
-}
-
 static int run_audit(const void *config, const bool *given, const char *const *positional,
                      int count)
 {
-    (void) count;
+    (void) given, (void) count;
     struct audit_config c = *(const struct audit_config *) config;
     sg_ctx *ctx;
     struct sg_scene *scene = NULL;
     struct sg_audit *audit = NULL;
-    struct photo_folder *photos = NULL;
-    const bool alone = is_photo_folder(positional[0]);
-    int code = alone ? check_photo_options(given, positional[0]) : STATUS_DONE;
-    if (is_photo(positional[0])) {
-        say(stderr, "splatguard audit: %s: found a photo, expected a scene or a folder of photos\n",
-            positional[0]);
-        code = STATUS_INPUT;
-    }
-    if (!code && alone)
-        code = photo_folder_check(positional[0], &c.scene);
-    /* What decodes photos without a scene has a limit of its own: no more than one at a time. */
-    const bool one = alone && c.max_memory;
-    if (!code && one && options_given(&command_audit, given, A(threads)))
-        warn_unused("threads", "with --max-memory on photos without a scene");
-    if (!code)
-        code = open_context(&ctx, one ? 1 : c.threads, c.max_memory, c.quiet);
+    int code = open_context(&ctx, c.threads, c.max_memory, c.quiet);
     if (code)
         return code;
     if (c.report && (code = report(ctx, sg_output_check_file(ctx, c.report)))) {
@@ -150,16 +121,13 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         return code;
     }
     c.scene.eval = c.eval;
+    c.scene.photos_alone = true;
     interrupt_catch();
-    int error = alone ? photo_folder_load(ctx, positional[0], &c.scene, &photos, &scene)
-                      : sg_scene_load(ctx, positional[0], &c.scene, &scene);
-    if (!error && alone && !c.quiet)
-        say(stderr, "%s: %zu photo%s without cameras\n", positional[0], scene->n_train,
-            scene->n_train == 1 ? "" : "s");
+    int error = sg_scene_load(ctx, positional[0], &c.scene, &scene);
     if (!error)
         error = sg_audit_scene(ctx, scene, &audit);
-    if (error) /* the context may still have that of a photo that was skipped */
-        code = report(alone && error == SG_ERR_INTERRUPTED ? NULL : ctx, error);
+    if (error)
+        code = report(ctx, error);
     else if (c.json)
         code = print_json(audit);
     else
@@ -172,7 +140,6 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         code = verdict_status(audit->verdict);
     sg_audit_destroy(&audit);
     sg_scene_destroy(&scene);
-    photo_folder_clear(&photos);
     sg_ctx_destroy(&ctx);
     return code;
 }
@@ -184,8 +151,9 @@ const struct command command_audit = {
     .description =
         "Looks for the traces that attacks on the cost of training leave: fine "
         "oscillation in whole photos or in parts of them. The exit status is 0 for every verdict, "
-        "unless --exit-code is given. PHOTOS is a folder of photos without cameras, taken at their "
-        "own size.",
+        "unless --exit-code is given. PHOTOS is a folder of photos without cameras, or a zip "
+        "archive "
+        "of one.",
     .groups = "Output|Scene",
     .options = audit_options,
     .parts = audit_parts,

@@ -4,6 +4,8 @@
 
 #include <math.h>
 
+#include "splatguard/train.h"
+
 #define POSE(x) "\"transform_matrix\":[[1,0,0," #x "],[0,0.8,-0.6,2],[0,0.6,0.8,3],[0,0,0,1]]"
 
 static void close_to(double a, double b)
@@ -324,6 +326,49 @@ static void colmap_models(void **state)
     put(f, "sparse/cameras.bin", division, sizeof(division));
     put(f, "sparse/images.bin", "", 0);
     expect_failure(f, NULL, SG_ERR_INPUT, "cameras.bin", "found camera model number 13", NULL);
+}
+
+/* Photos without cameras: what training from COLMAP would see of them, whatever their names are and
+ * their alpha hides; and nothing to train on. */
+static void photos_alone(void **state)
+{
+    struct fixture *f = *state;
+    const struct sg_scene_params *alone = sg_scene_params(.photos_alone = true),
+                                 *masked = sg_scene_params(.photos_alone = true, .masks = "m");
+    const uint8_t faint[8] = {10, 20, 30, 0, 40, 50, 60, 1};
+    put(f, "b.png", "", 0);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "b.png"), faint, 2, 1, 4), SG_OK);
+    put_png(f, "a.dat", 3200, 4, 3, 0);
+    put_text(f, "notes", "none");
+    expect_failure(f, NULL, SG_ERR_INPUT, "found no scene", NULL);
+    struct sg_scene *s = load(f, alone);
+    assert_true(s->format == SG_FORMAT_PHOTOS && s->n_train == 2 && !f->warnings);
+    assert_string_equal(s->train[0].name, "a.dat");
+    assert_int_equal(s->train[0].camera.width, 1600);
+    assert_int_equal(s->train[0].camera.height, 2);
+    const uint8_t *rgb;
+    assert_null(s->train[1].rgb); /* few are in memory at once */
+    assert_int_equal(sg_view_pixels(f->ctx, &s->train[1], &rgb), SG_OK);
+    assert_memory_equal(rgb, ((uint8_t[]){10, 20, 30, 40, 50, 60}), 6);
+    sg_view_release(&s->train[1]);
+    sg_trainer *t;
+    assert_int_equal(sg_trainer_create(f->ctx, s, NULL, NULL, &t), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "found photos without cameras"));
+    sg_scene_destroy(&s);
+
+    put_png(f, "m/b.png", 2, 1, 1, 5); /* 155, 162: all is used */
+    put_png(f, ".c", 2, 1, 3, 0);
+    s = load(f, alone);
+    assert_true(s->n_train == 2 && !s->train[1].mask && f->warnings == 1);
+    assert_non_null(
+        strstr(f->said, "2 of its entries are not looked at; the first is .c, a hidden"));
+    sg_scene_destroy(&s);
+    s = load(f, masked);
+    assert_non_null(s->train[1].mask);
+    assert_non_null(strstr(f->said, "1 of its entries is not looked at; the first is .c"));
+    sg_scene_destroy(&s);
+    expect_failure(f, sg_scene_params(.photos_alone = true, .strict = true), SG_ERR_INPUT,
+                   "/.c: found a hidden photo, expected photos alone", NULL);
 }
 
 /* A rig's photos have the same names in other folders; alpha is dropped, as the reference does for
@@ -667,6 +712,7 @@ int main(void)
         scene_test(nerfstudio_own_split),
         scene_test(nerfstudio_split_memory),
         scene_test(masks),
+        scene_test(photos_alone),
         scene_test(test_halves),
         scene_test(test_halves_need_names),
         scene_test(threads_do_not_matter),

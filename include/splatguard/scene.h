@@ -19,6 +19,7 @@ enum sg_scene_format {
     SG_FORMAT_COLMAP,     /* sparse/0 or sparse, images/ */
     SG_FORMAT_NERFSTUDIO, /* transforms.json */
     SG_FORMAT_MEMORY,     /* made by a builder, not read from a folder */
+    SG_FORMAT_PHOTOS,     /* photos without cameras: see photos_alone */
 };
 
 /* Filters against noise. With the same results as OpenCV's: Gaussian of 5 x 5 pixels and sigma 1.5;
@@ -59,6 +60,12 @@ struct sg_scene_params {
     /* Nothing will be trained on the views: all may be test views, and no warning is given about
      * what training would lack. Default false. */
     bool untrained;
+    /* Read a folder of photos that is no scene as SG_FORMAT_PHOTOS: what lies in the folder itself
+     * and has the ending of a photo or begins as one. Alpha is ignored, as in COLMAP's scenes; the
+     * views are named as the files, and their cameras say nothing, so that training and pruning
+     * refuse them. Entries that may hide photos are warned of, or refused with strict. Masks are
+     * only used if `masks` names their folder. Default false. */
+    bool photos_alone;
     /* Refuse a scene if a photo is missing, cannot be decoded, or has another scale than its
      * camera. Otherwise such photos are skipped, or their focal lengths scaled, with a warning.
      * Default false. */

@@ -248,13 +248,15 @@ class Scene:
         return view
 
     @classmethod
-    def load(cls, path, context=None, eval=False, untrained=False, **params):
+    def load(cls, path, context=None, eval=False, untrained=False, photos_alone=False, **params):
         """Loads a COLMAP, Blender or nerfstudio folder, or a zip archive of one. eval: hold test
         views out of training. untrained: nothing will be trained, so that all may be test views.
-        params: see options("scene"). Raises InputError for what is missing or malformed."""
+        photos_alone: a folder of photos without cameras will do, as for audit; then
+        format is "photos". params: see options("scene"). Raises InputError for what is missing or malformed."""
         context = _context(context)
         return cls(_core.scene_load(context, path, params, _flag(eval, "eval"),
-                                    _flag(untrained, "untrained")), context)
+                                    _flag(untrained, "untrained"),
+                                    _flag(photos_alone, "photos_alone")), context)
 
     @classmethod
     def build(cls, views, points=None, colors=None, context=None, keep_photos=0, eval=False,

@@ -59,7 +59,7 @@ class Scene:
     test: List[View]
     @classmethod
     def load(cls, path: Path, context: Optional[Context] = ..., eval: bool = ...,
-             untrained: bool = ..., **params: Any) -> "Scene": ...
+             untrained: bool = ..., photos_alone: bool = ..., **params: Any) -> "Scene": ...
     @classmethod
     def build(cls, views: Iterable[View], points: Optional[Array] = ...,
               colors: Optional[Array] = ..., context: Optional[Context] = ...,

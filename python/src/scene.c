@@ -11,13 +11,13 @@ static PyObject *scene_load(PyObject *module, PyObject *args)
     PyObject *path, *dict, *keep = PyList_New(0);
     struct sg_scene_params p = sg_scene_params_default();
     struct handle *h = NULL;
-    int eval, untrained;
-    if (!keep || !PyArg_ParseTuple(args, "O&O&O!pp", to_context, &c, PyUnicode_FSConverter, &path,
-                                   &PyDict_Type, &dict, &eval, &untrained)) {
+    int eval, untrained, alone;
+    if (!keep || !PyArg_ParseTuple(args, "O&O&O!ppp", to_context, &c, PyUnicode_FSConverter, &path,
+                                   &PyDict_Type, &dict, &eval, &untrained, &alone)) {
         Py_XDECREF(keep);
         return NULL;
     }
-    p.eval = eval, p.untrained = untrained;
+    p.eval = eval, p.untrained = untrained, p.photos_alone = alone;
     if (params_set(sg_scene_options(), &p, dict, keep) && (h = handle_new(SCENE, c, NULL)) &&
         !CALL(c, sg_scene_load(c->ctx, PyBytes_AsString(path), &p, &h->scene)))
         Py_CLEAR(h);

@@ -522,6 +522,18 @@ def test_names_of_photos_need_not_be_utf8(tmp_path):
 
 # ---- attack and defense ----
 
+def test_photos_alone(tmp_path):
+    for k in range(3):
+        (tmp_path / f"{k}.png").write_bytes(tour.png(photo(k)))
+    with pytest.raises(sg.InputError, match="found no scene"):
+        sg.Scene.load(tmp_path)
+    scene = sg.Scene.load(tmp_path, photos_alone=True)
+    assert scene.format == "photos" and [v.name for v in scene.train] == ["0.png", "1.png", "2.png"]
+    assert len(sg.audit(scene)["images"]) == 3
+    with pytest.raises(sg.InputError, match="found photos without cameras"):
+        sg.train(scene, **SHORT)
+
+
 def test_audit_of_100_arrays_without_a_file(monkeypatch):
     y, x = np.mgrid[0:96, 0:96]
     r = np.random.default_rng(0)

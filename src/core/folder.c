@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "folder.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -401,4 +402,52 @@ bool sg_folder_has(const struct sg_folder *folder, const char *path)
 bool sg_folder_has_folder(const struct sg_folder *folder, const char *path)
 {
     return folder->zip ? has_archived_folder(folder, path) : has(folder, path, S_IFDIR);
+}
+
+/* Entries are sorted, so that those of one folder follow each other. */
+static int each_archived(const struct sg_folder *folder, int (*entry)(void *arg, const char *name),
+                         void *arg)
+{
+    const size_t top = strlen(folder->top);
+    char name[PATH_MAX], last[PATH_MAX] = "";
+    int code = SG_OK;
+    for (size_t i = 0; i < folder->zip->count && !code; i++) {
+        const char *whole = folder->zip->entries[i].name;
+        const size_t n = is_extra(whole) ? 0 : strcspn(whole + top, "/");
+        if (!n || n >= sizeof(name))
+            continue;
+        memcpy(name, whole + top, n);
+        name[n] = 0;
+        if (!strcmp(name, last))
+            continue;
+        strcpy(last, name);
+        code = entry(arg, name);
+    }
+    return code;
+}
+
+int sg_folder_each(sg_ctx *ctx, const struct sg_folder *folder,
+                   int (*entry)(void *arg, const char *name), void *arg)
+{
+    if (folder->zip)
+        return each_archived(folder, entry, arg);
+    const int fd = openat(folder->fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    DIR *d = fd < 0 ? NULL : fdopendir(fd);
+    if (!d) {
+        const int why = errno;
+        if (fd >= 0)
+            close(fd);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder that cannot be listed: %s",
+                       folder->path, strerror(why));
+    }
+    int code = SG_OK;
+    errno = 0;
+    for (struct dirent *e; !code && (e = readdir(d)); errno = 0)
+        if (strcmp(e->d_name, ".") && strcmp(e->d_name, ".."))
+            code = entry(arg, e->d_name);
+    if (!code && errno)
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: the folder cannot be read: %s", folder->path,
+                       strerror(errno));
+    closedir(d);
+    return code;
 }

@@ -42,4 +42,9 @@ bool sg_folder_has(const struct sg_folder *folder, const char *path);
 bool sg_folder_has_folder(const struct sg_folder *folder, const char *path);
 bool sg_folder_leads_out(const struct sg_folder *folder, const char *path);
 
+/* Calls entry with each name in the folder itself, without "." and "..", in no order, until it
+ * returns an error, which is returned. An archive's names are those below its top folder. */
+int sg_folder_each(sg_ctx *ctx, const struct sg_folder *folder,
+                   int (*entry)(void *arg, const char *name), void *arg);
+
 #endif

@@ -372,6 +372,12 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
     return code;
 }
 
+bool sg_image_recognised(struct sg_source *in)
+{
+    const size_t n = sg_source_fill(in, SIGNATURE_BYTES);
+    return signature_of((const uint8_t *) in->window, n) != UNKNOWN;
+}
+
 int sg_image_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_pixels,
                          struct sg_image *out)
 {
@@ -380,9 +386,7 @@ int sg_image_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_pixels,
     *out = (struct sg_image){0};
     /* An uncompressed 16-bit RGBA file is 8 bytes a pixel; the rest is for metadata. */
     uint64_t limit = max_pixels > UINT64_MAX / 16 ? UINT64_MAX : max_pixels * 8 + (64u << 20);
-    /* Before the whole file is in memory. */
-    const size_t n = sg_source_fill(in, SIGNATURE_BYTES);
-    if (signature_of((const uint8_t *) in->window, n) == UNKNOWN)
+    if (!sg_image_recognised(in)) /* before the whole file is in memory */
         return unknown(ctx, in->path, in->size);
     if (in->size > limit)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, the limit is %llu", in->path,

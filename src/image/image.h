@@ -22,6 +22,9 @@ int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_
 int sg_image_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_pixels,
                          struct sg_image *out);
 
+/* Whether the first bytes are those of a format that is read. */
+bool sg_image_recognised(struct sg_source *in);
+
 /* Same from memory; name stands for the file in messages. */
 int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size,
                     uint64_t max_pixels, struct sg_image *out);

@@ -9,6 +9,7 @@
 #include "finetune.h"
 #include "model/anchors.h"
 #include "option/option.h"
+#include "scene/cameras.h"
 #include "score.h"
 
 struct sg_prune_params sg_prune_params_default(void)
@@ -31,6 +32,8 @@ static int check(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_mode
     int code = sg_prune_check(ctx, p);
     if (!code)
         code = sg_model_refuse_anchors(ctx, m);
+    if (!code)
+        code = sg_check_cameras(ctx, scene);
     if (!code && !scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one",
                        scene->path);

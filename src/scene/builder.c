@@ -339,12 +339,20 @@ static int split_views(sg_scene_builder *b, struct item **sorted)
     return SG_OK;
 }
 
-static void warn(sg_ctx *ctx, const struct sg_scene *scene)
+static void say_what(sg_ctx *ctx, const struct sg_scene *scene, bool untrained)
 {
-    if (scene->extent < 1e-6)
+    if (scene->format == SG_FORMAT_PHOTOS) {
+        sg_log(ctx, SG_LOG_INFO, "%s: %zu photo%s without cameras", scene->path, scene->n_train,
+               scene->n_train == 1 ? "" : "s");
+        return;
+    }
+    if (!untrained && scene->extent < 1e-6)
         sg_log(ctx, SG_LOG_WARN,
                "%s: found all training cameras in one place: positions will hardly learn",
                scene->path);
+    sg_log(ctx, SG_LOG_INFO, "%s: %s scene, %zu train and %zu test views, %zu points, extent %.4g",
+           scene->path, sg_scene_format_name(scene->format), scene->n_train, scene->n_test,
+           scene->n_points, scene->extent);
 }
 
 int sg_scene_builder_finish(sg_scene_builder **builder, struct sg_scene **out)
@@ -386,11 +394,7 @@ int sg_scene_builder_finish(sg_scene_builder **builder, struct sg_scene **out)
     b->count = 0;
     b->scene = NULL;
     measure(scene);
-    if (!b->params.untrained)
-        warn(ctx, scene);
-    sg_log(ctx, SG_LOG_INFO, "%s: %s scene, %zu train and %zu test views, %zu points, extent %.4g",
-           scene->path, sg_scene_format_name(scene->format), scene->n_train, scene->n_test,
-           scene->n_points, scene->extent);
+    say_what(ctx, scene, b->params.untrained);
     sg_scene_builder_destroy(builder);
     *out = scene;
     return SG_OK;

@@ -12,6 +12,15 @@ static inline void sg_camera_centre(const struct sg_camera *c, double centre[3])
         centre[i] = -(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2]);
 }
 
+/* Refuses photos alone, whose cameras say nothing. */
+static inline int sg_check_cameras(sg_ctx *ctx, const struct sg_scene *scene)
+{
+    return scene->format != SG_FORMAT_PHOTOS
+               ? SG_OK
+               : sg_fail(ctx, SG_ERR_INPUT, "%s: found photos without cameras, expected a scene",
+                         scene->path);
+}
+
 /* The cameras of the training views, for engines. NULL without memory; sg_free. */
 static inline const struct sg_camera **sg_training_cameras(sg_ctx *ctx,
                                                            const struct sg_scene *scene)

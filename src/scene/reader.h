@@ -125,6 +125,7 @@ int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], c
                        const struct sg_scene_params *params, struct sg_shots *shots,               \
                        struct sg_points *points);
 SG_READERS(R)
+R(PHOTOS, photos, , ) /* of no turn: only where photos alone will do */
 #undef R
 
 /* The folder is a scene, by the files that the formats begin with. Records no error. */

@@ -23,6 +23,7 @@ static const struct {
     SG_READERS(R)
 #undef R
         [SG_FORMAT_MEMORY] = {.name = "memory"},
+    [SG_FORMAT_PHOTOS] = {"photos", .read = sg_read_photos},
 };
 #define FORMATS (sizeof(formats) / sizeof(*formats))
 
@@ -40,7 +41,8 @@ static enum sg_scene_format format_of_turn(int turn)
     return SG_FORMAT_AUTO;
 }
 
-static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_format *format)
+static int recognise(sg_ctx *ctx, const struct sg_folder *dir, bool photos_alone,
+                     enum sg_scene_format *format)
 {
     char looked_for[512] = "";
     for (int turn = 1; (*format = format_of_turn(turn)) != SG_FORMAT_AUTO; turn++) {
@@ -56,6 +58,12 @@ static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_for
                                                               : ", ",
                  formats[*format].files);
     }
+    if (photos_alone && sg_is_photos(ctx, dir)) {
+        *format = SG_FORMAT_PHOTOS;
+        return SG_OK;
+    }
+    if (sg_failed(ctx))
+        return SG_ERR_BUDGET;
     return sg_fail(
         ctx, SG_ERR_INPUT,
         "%s: found no scene, looked for %s; photos alone need cameras first, as COLMAP finds them "
@@ -67,7 +75,8 @@ bool sg_scene_recognised(sg_ctx *ctx, const char *path)
 {
     struct sg_folder dir;
     enum sg_scene_format format;
-    const bool is = !sg_folder_open(ctx, path, false, &dir) && !recognise(ctx, &dir, &format);
+    const bool is =
+        !sg_folder_open(ctx, path, false, &dir) && !recognise(ctx, &dir, false, &format);
     sg_folder_close(&dir);
     sg_clear_error(ctx);
     return is;
@@ -235,7 +244,7 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
     if (format == SG_FORMAT_AUTO && params->colmap)
         format = SG_FORMAT_COLMAP;
     if (!code && format == SG_FORMAT_AUTO)
-        code = recognise(ctx, &files->dir, &format);
+        code = recognise(ctx, &files->dir, params->photos_alone, &format);
     if (!code)
         code = sg_scene_builder_set_source(builder, format, path, params->colmap != NULL);
     if (code)
@@ -245,11 +254,12 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
         warn_unused(ctx, path, "colmap", params->colmap);
     } else if ((code = check_images(ctx, &files->dir, params->images)))
         return code;
+    files->params.format = format;
     code = formats[format].read(ctx, &files->dir, params, shots, &points);
     sg_scene_builder_put_points(builder, &points); /* also after a failure: it frees them */
     if (!code && !shots->count)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no images, expected at least one", path);
-    if (!code)
+    if (!code && (format != SG_FORMAT_PHOTOS || params->masks))
         code = find_masks(ctx, &files->dir, params, shots);
     size_t rank = 0;
     for (size_t i = 0; i < shots->count; i++) /* readers sort the shots that they do not split */
@@ -292,9 +302,13 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     if ((code = read_files(ctx, path, params, builder, own)))
         goto done;
     n = own->shots.count;
-    /* With a limit on memory, photos can be dropped and read again. */
-    if (sg_mem_limit(ctx) && (code = sg_scene_builder_put_files(builder, &own, &lazy)))
+    /* With a limit on memory, photos can be dropped and read again. Photos alone are looked at once
+     * more: few are in memory at once. */
+    const bool alone = own->params.format == SG_FORMAT_PHOTOS;
+    if ((sg_mem_limit(ctx) || alone) && (code = sg_scene_builder_put_files(builder, &own, &lazy)))
         goto done;
+    if (alone)
+        sg_lazy_photos_keep(lazy, 0);
     views = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*views));
     code = views ? sg_views_load(ctx, params, files, lazy, views) : SG_ERR_BUDGET;
     for (size_t i = 0; i < n && !code; i++)

@@ -23,6 +23,8 @@
 static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
 {
     int code = sg_train_check(ctx, p);
+    if (!code)
+        code = sg_check_cameras(ctx, scene);
     if (code)
         return code;
     if (!scene->n_train)

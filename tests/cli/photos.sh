@@ -16,15 +16,20 @@ expect 0 audit 'my photos' --follow-links --json -q; says 'my photos: 1 of its e
 [ "$(scores | wc -l)" -gt "$(wc -l <of_scene)" ] || fail "a link was not followed"
 tr -d ' \n' <out | grep -q '"name":"[^"]*\.png"' || fail "photos have other names than their files: $(cat out)"
 expect 0 audit 'my photos' --report page.html -q --max-memory 64M --threads 2
-says 'warning: --threads has no effect with --max-memory on photos without a scene'
 grep -q '<img' page.html || fail "a page without photos"
 grep -q '<h1>my photos' page.html || fail "the page does not name the folder: $(grep '<h1>' page.html)"
 expect 0 audit 'my photos'; says "my photos: $(find 'my photos' -type f -name '*.png' | wc -l) photos without cameras"
 grep -q 'memory scene\|extent' err && fail "photos are called a scene"
 mkdir one && cp "$(find 'my photos' -type f -name '*.png' | head -n 1)" one/a.png
 expect 0 audit one; says 'one: 1 photo without'; grep -q 'training cameras' err && fail "a warning about cameras that are none"
-expect 2 audit one/a.png; says 'one/a.png: found a photo, expected a scene or a folder of photos'
-expect 1 audit 'my photos' --downscale 2; says '--downscale: found without effect on my photos'
+expect 2 audit one/a.png; says 'one/a.png: found no folder or zip archive'
+expect 2 audit "$PWD/none such"; says 'none such: found no folder or zip archive'
+
+# They have the size that training would give them.
+expect 0 audit scene/blender --downscale 2 --json -q && scores >half_scene
+expect 0 audit 'my photos' --downscale 2 --json -q && scores >half_photos
+cmp half_scene half_photos || fail "photos alone have another size than those of a scene"
+cmp -s half_scene of_scene && fail "--downscale has no effect"
 
 # Photos may hide in sub-folders. A link that stays inside is one more photo.
 mkdir one/sub one/.hidden && ln -s a.png one/b.png
@@ -32,16 +37,23 @@ expect 0 audit one; says 'warning: one: 1 of its entries is not looked at; the f
 expect 2 audit one --strict; says 'one/sub: found a folder'; [ ! -s out ] || fail "a verdict of a part"
 rmdir one/sub; expect 0 audit one --strict
 
+# Training goes by what a file begins with, not by its ending: so does the audit.
+cp one/a.png one/photo.dat && cp one/a.png one/no_ending && echo text >one/notes && echo text >one/notes.dat
+expect 0 audit one; says 'one: 4 photos without'; grep -q warning err && grep -q notes err && fail "notes are photos: $(cat err)"
+cp one/a.png one/.photo; expect 0 audit one; says 'warning: one: 1 of its entries is not looked at; the first is .photo, a hidden photo'
+rm one/photo.dat one/no_ending one/notes* one/.photo
+
+
 # What is no photo is left out, as it is in scenes.
 rm 'my photos/link.png' 'my photos/pipe.jpg'
 : >'my photos/zz.JPG'
-cp one/a.png "$(printf 'my photos/x\ny.png')"
 expect 0 audit 'my photos' --json && scores >of_photos
-says "warning: my photos: 2 of $(find 'my photos' -type f ! -name '*.txt' | grep -c 'JPG$\|png$') photos cannot be used and are skipped; the first: "
+says "warning: 1 of $(find 'my photos' -type f ! -name '*.txt' | grep -c 'JPG$\|png$') photos cannot be decoded and are skipped; the first: my photos/zz.JPG"
 cmp of_scene of_photos || fail "a photo that is left out changes scores"
-expect 2 audit 'my photos' --strict; [ ! -s out ] || fail "a verdict in spite of --strict"
+cp one/a.png "$(printf 'my photos/x\ny.png')"
+expect 0 audit 'my photos'; says 'my photos: 7 photos without'
 rm my*/x*
-expect 2 audit 'my photos' --strict; says 'my photos/zz.JPG: found an empty file, expected an image'
+expect 2 audit 'my photos' --strict; says 'my photos/zz.JPG: found an empty file, expected an image'; [ ! -s out ] || fail "a verdict in spite of --strict"
 mkdir none && echo 'no photo' >none/a.png
 expect 2 audit none; says 'none/a.png'; [ ! -s out ] || fail "a verdict without photos"
 
@@ -53,4 +65,4 @@ for i in $(seq 2000); do ln many/first.png "many/$i.png"; done
 interrupt $!
 [ $? -eq 130 ] || fail "an audit was not interrupted"
 grep -q 'without cameras' err && fail "all photos were read first: $(cat err)"
-says interrupted
+says 'load: cancelled after'
