@@ -24,7 +24,8 @@ void sg_run_params_clear(struct sg_run_params *p)
     p->texts = NULL;
 }
 
-/* A run on a device has the name of the device there. */
+/* Whether these are kernels that this machine has. A run on a device has the device's name there,
+ * and one of the reference engine "ref". */
 static bool is_cpu_variant(const char *name)
 {
     struct sg_engine_info e;
@@ -49,7 +50,7 @@ static int read_params(sg_ctx *ctx, const char *folder, bool strict, struct sg_r
                                       strict, path)
                 : SG_ERR_BUDGET;
     const char *variant = json_string_value(json_object_get(root, "cpu_variant"));
-    if (variant && (!sg_engine_is_auto(out->train.engine, NULL) || is_cpu_variant(variant)))
+    if (variant && is_cpu_variant(variant)) /* else it is of another machine or engine */
         out->train.cpu = variant;
     sg_free(path);
     return code;

@@ -81,9 +81,17 @@ expect 0 train --resume again --iterations 50 -q
 # Another engine goes on from the checkpoint.
 expect 0 train --resume again --iterations 52 -q --engine ref
 grep -q '"engine": "ref"' again/config.json || fail "config.json has $(grep engine again/config.json)"
-# So does what this machine has, where a GPU was chosen that is not here.
-sed -i 's/"cpu_variant": "[^"]*"/"cpu_variant": "GPU of a test"/; s/"engine": "ref"/"engine": "auto"/' again/config.json
-expect 0 train --resume again --iterations 54 -q; says 'the run was made with GPU of a test'
+# The run goes on with it without being told again, and with what this machine has, where a GPU or kernels were
+# chosen that are not here.
+goes_on() { # ITERATIONS ENGINE VARIANT: of the configuration
+    sed -i "s/\"cpu_variant\": \"[^\"]*\"/\"cpu_variant\": \"$3\"/; s/\"engine\": \"[^\"]*\"/\"engine\": \"$2\"/" again/config.json
+    "$program" train --resume again --iterations "$1" -q >out 2>err || fail "a run of engine $2 with $3 does not go on"
+}
+goes_on 53 ref ref
+goes_on 54 ref 'GPU of a test'
+goes_on 55 cpu 'GPU of a test'; says 'the run was made with GPU of a test'
+goes_on 56 auto 'GPU of a test'; says 'the run was made with GPU of a test'
+[ -z "${SG_TEST_ENGINE-}" ] || goes_on 57 "$SG_TEST_ENGINE" 'GPU of a test'
 
 # Another scene of the same size is another scene.
 expect 0 synth -o other $size --train-views 6 --test-views 2 --points 300 --samples 1 --seed 5
