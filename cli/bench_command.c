@@ -62,6 +62,25 @@ static void add_source(const struct scheduler *s, struct command_line *c, int in
         add(c, "%s/scene/%s", s->work[index].folder, layout ? layout : "blender");
 }
 
+static bool has_word(const json_t *options, const char *word)
+{
+    for (size_t i = 0; i < json_array_size(options); i++)
+        if (!strcmp(json_string_value(json_array_get(options, i)), word))
+            return true;
+    return false;
+}
+
+/* Options of a run's scene that its folder does not keep: they are given anew to each command. */
+static void add_transient(struct command_line *c, const struct job *run, const json_t *given)
+{
+    char word[64];
+    for (const struct sg_option *row = sg_scene_options(); row->name; row++) {
+        snprintf(word, sizeof(word), "--%s", row->name);
+        if (row->transient && has_word(options_of(run), word) && !has_word(given, word))
+            add(c, "%s", word);
+    }
+}
+
 /* Options of the scene that a run was given. Its folder brings them to other commands; the file of
  * a pruned model does not. */
 static json_t *run_scene_options(const struct job *run)
@@ -109,18 +128,21 @@ static void add_eval(const struct scheduler *s, struct command_line *c, int inde
     json_decref(options);
 }
 
-/* Begins a command that writes a folder of its job's, or goes on with it. Returns whether the rest
- * of the command is left to add. */
+/* Begins a command that writes a folder of its job's, or goes on with it: where the scene is now,
+ * since the folder of work may have moved. Returns whether the rest of the command is left to add.
+ */
 static bool add_begin(const struct scheduler *s, struct command_line *c, int index,
                       const char *command, int source, const char *folder)
 {
     const bool saved = job_has_checkpoint(s, index);
     add(c, "%s", command);
     if (saved)
-        add(c, "--resume");
+        add(c, "--resume"), add(c, "%s/%s", s->work[index].folder, folder), add(c, "-s");
+    add_source(s, c, source);
+    if (saved)
+        add_transient(c, &s->b->plan->jobs[index], NULL);
     else
-        add_source(s, c, source), add(c, "-o");
-    add(c, "%s/%s", s->work[index].folder, folder);
+        add(c, "-o"), add(c, "%s/%s", s->work[index].folder, folder);
     return !saved;
 }
 
@@ -138,17 +160,20 @@ static void add_train(const struct scheduler *s, struct command_line *c, int ind
 static void add_attack(const struct scheduler *s, struct command_line *c, int index)
 {
     const struct job *j = &s->b->plan->jobs[index];
-    if (!add_begin(s, c, index, "attack", j->needs[0], "scene"))
-        return;
+    const bool begins = add_begin(s, c, index, "attack", j->needs[0], "scene");
     if (j->n_needs > 1)
         add(c, "--proxy"), add(c, "%s/run", s->work[j->needs[1]].folder);
-    add_options(s, c, j, options_of(j));
+    if (begins)
+        add_options(s, c, j, options_of(j));
 }
 
 static void add_prune(const struct scheduler *s, struct command_line *c, int index)
 {
     const struct job *j = &s->b->plan->jobs[index];
+    const struct job *run = &s->b->plan->jobs[j->needs[1]];
     add(c, "prune"), add(c, "%s/run", s->work[j->needs[1]].folder), add(c, "--json");
+    add(c, "--scene"), add_source(s, c, run->needs[1]);
+    add_transient(c, run, options_of(j));
     add(c, "-o"), add(c, "%s/model.ply", s->work[index].folder);
     add(c, "--seed"), add(c, "%d", j->seed);
     add_options(s, c, j, options_of(j));

@@ -72,7 +72,9 @@ two_begin() { [ "$(find half.db.work -name log.jsonl 2>/dev/null | wc -l)" -eq 2
 wait_until two_begin
 sleep 0.3
 interrupt $pid
-expect 0 bench long.json -o half.db -q --jobs 1
+mkdir other-disk && mv half.db half.db.work other-disk # where its runs go on
+expect 0 bench long.json -o other-disk/half.db -q --jobs 1
+mv other-disk/* .
 for run in half.db.work/*/run; do
     grep -q '"interrupted": false' "$run/summary.json" || fail "$run was not finished"
 done
@@ -176,6 +178,18 @@ kill -KILL "$(cat child)"
 wait $pid
 [ "$(ask stuck.db "select status, message from job where kind='train'")" = 'crashed|ended by signal 9 without a word' ] || fail "of a crash: $(ask stuck.db "select status, message from job")"
 expect 0 bench stuck.json -o stuck.db -q --retry
+
+# A scene that is reached by a link: runs that go on and prunes may follow it too.
+mkdir by-link && cp -r once.db.work/*/scene/blender/* by-link 2>/dev/null
+mv by-link/train photos-elsewhere && ln -s "$PWD/photos-elsewhere" by-link/train
+plan link.json $((n * n)) ''
+sed -i 's/"synth": \[[^]]*\], "size": \[[^]]*\]/"path": "by-link", "options": ["--follow-links"]/; s/"photos": \["clean", "noise"\], "defenses": \["off", "half", "lg"\]/"photos": ["clean"], "defenses": ["off", "lg"]/' link.json
+"$tool" bench link.json -o link.db -q 2>err &
+pid=$!
+link_saves() { ls link.db.work/*/run/checkpoint.bin >/dev/null 2>&1; }
+wait_until link_saves
+interrupt $pid
+expect 0 bench link.json -o link.db -q
 
 # What changed runs; what fails is a row.
 plan plan.json $n ', "bad": ["--defense", "spectral", "--band-low", "0.9", "--band-high", "0.5"]'
