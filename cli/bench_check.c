@@ -44,11 +44,7 @@ static int check_keys(const struct reader *r, const json_t *object, const char *
         return plan_wrong(r, "%s: expected an object", where);
     json_object_foreach((json_t *) object, key, value)
     {
-        const size_t n = strlen(key);
-        bool found = false;
-        for (const char *k = known; *k && !found; k += strcspn(k, "|"), k += *k == '|')
-            found = strcspn(k, "|") == n && !memcmp(k, key, n);
-        if (!found)
+        if (!is_in(known, key))
             return plan_wrong(r, "%s: found \"%s\", expected one of %s", where, key, known);
     }
     return STATUS_DONE;
@@ -145,6 +141,22 @@ static int check_value(const struct reader *r, const json_t *value, const char *
     return STATUS_DONE;
 }
 
+/* Whether a job's command has the option already: a second one is refused, by each job. */
+static bool is_own(const struct command *command, const struct sg_option *option)
+{
+    static const struct {
+        const struct command *command; /* NULL: all */
+        const char *options;
+    } own[] = {{NULL, "threads|quiet|output|model-path|source-path|resume|force|help"},
+               {&command_train, "seed|eval"},
+               {&command_attack, "proxy"},
+               {&command_prune, "seed|json|scene"}};
+    bool is = false;
+    for (size_t i = 0; i < sizeof(own) / sizeof(own[0]); i++)
+        is |= (!own[i].command || own[i].command == command) && is_in(own[i].options, option->name);
+    return is;
+}
+
 /* Options of a command, which are in their only form from here on. */
 static int read_options(const struct reader *r, json_t *list, const char *where,
                         const struct command *command)
@@ -162,6 +174,9 @@ static int read_options(const struct reader *r, json_t *list, const char *where,
             return plan_wrong(r, "%s[%zu]: found %.*s, expected an option of %s%s%s%s", where, at,
                               (int) strcspn(word, "="), word, command->name,
                               near ? "; did you mean --" : "", near ? near : "", near ? "?" : "");
+        if (is_own(command, known))
+            return plan_wrong(r, "%s[%zu]: found --%s, which bench itself gives to %s", where, at,
+                              known->name, command->name);
         const bool inside = text;
         if (known->type == SG_OPTION_FLAG && inside)
             return plan_wrong(r, "%s[%zu]: --%s takes no value", where, at, known->name);

@@ -180,8 +180,8 @@ static bool start_phase(struct scheduler *s, int index)
             _exit(STATUS_INTERRUPTED);
         dup2(out, STDOUT_FILENO);
         dup2(err, STDERR_FILENO);
-        fcntl(w->lock, F_SETFD, 0); /* the process has it too, until it ends */
-        execv(s->program, c.words);
+        fcntl(w->lock, F_SETFD, 0);       /* the process has it too, until it ends */
+        execv("/proc/self/exe", c.words); /* this program, also where its file was replaced */
         _exit(STATUS_INTERNAL);
     }
     if (out >= 0)

@@ -142,7 +142,8 @@ int bench_run(const struct bench *b)
         return no_memory();
     for (int i = 0; i < b->plan->n; i++)
         s.work[i].lock = HELD;
-    int code = own_program(&command_bench, s.program, sizeof(s.program));
+    char program[PATH_MAX];
+    int code = own_program(&command_bench, program, sizeof(program)); /* jobs can find it */
     if (!code)
         code = recall(&s);
     int had = 0;

@@ -32,7 +32,6 @@ struct scheduler {
     struct work *work; /* of each job of the plan */
     int running, done, failed, left;
     int held; /* jobs that could begin but for a process of an earlier bench */
-    char program[PATH_MAX];
 };
 
 /* ---- bench_command.c: what a job runs ---- */

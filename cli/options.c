@@ -18,7 +18,7 @@ static size_t place_of(const char *list, const char *name)
     return name ? i + 1 : 0;
 }
 
-static bool is_in(const char *list, const char *name)
+bool is_in(const char *list, const char *name)
 {
     return list && place_of(list, name) < place_of(list, "");
 }

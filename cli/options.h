@@ -93,6 +93,9 @@ void make_printable(char *text);
 /* A JSON string; of text that is not UTF-8, what is not ASCII becomes "?". */
 json_t *text_json(const char *text);
 
+/* Whether the name is one of the list "one|two", which may be NULL. */
+bool is_in(const char *list, const char *name);
+
 /* Warns of an option that was given and changes nothing. why: "with --save png". */
 void warn_unused(const char *option, const char *why);
 

@@ -191,6 +191,16 @@ wait_until link_saves
 interrupt $pid
 expect 0 bench link.json -o link.db -q
 
+# All jobs are of the program that began, also where its file is replaced meanwhile.
+if [ "$tool" = "$program" ]; then
+    cp "$program" replaced
+    ./replaced bench link.json -o replaced.db -q 2>err &
+    pid=$!
+    wait_until test -d replaced.db.work
+    printf '#!/bin/sh\nexit 1\n' >other && chmod +x other && mv other replaced
+    wait $pid || fail "a bench whose program was replaced: $(cat err)"
+fi
+
 # What changed runs; what fails is a row.
 plan plan.json $n ', "bad": ["--defense", "spectral", "--band-low", "0.9", "--band-high", "0.5"]'
 expect 2 bench plan.json -o once.db -q
@@ -390,6 +400,9 @@ mistake 's/"off": \[\]/"off": ["--max-gaussians", "{clean}"]/' 'defenses.off: ex
 mistake 's/\["--method", "noise", "--epsilon", "16"\]/["--method"]/' 'photos.noise[0]: --method: found no value, expected'
 mistake 's/"--epsilon", "16"/"--epsilon=1O"/' 'photos.noise[2]: --epsilon: found "1O", expected a whole number of grey levels'
 mistake 's/"--iterations", "[0-9]*"/"--iterations", "--seed"/' 'train[0]: --iterations: found no value, expected'
+mistake 's/"--init-points"/"--eval", &/' 'train[2]: found --eval, which bench itself gives to train'
+mistake 's/"--epsilon", "16"/"--proxy", "m.ply"/' 'photos.noise[2]: found --proxy, which bench itself gives to attack'
+mistake 's/"--finetune", "5"/"-j", "2"/' 'defenses.lg.prune[0]: found --threads, which bench itself gives to prune'
 mistake 's/"--iterations", "[0-9]*"/"--iterations", 60/' 'train[1]: expected a text'
 mistake 's/"--points", "200"/"--points"/' 'scenes.s.synth[8]: --points: found no value'
 mistake 's/"--finetune", "5"/"--finetune", "5", "10"/' 'defenses.lg.prune[2]: found 10, expected an option of prune'
