@@ -225,38 +225,48 @@ static int write_config(const struct attack_run *r)
                              json_pack("{s:s,s:o}", "version", sg_version(), "options", options));
 }
 
-static int start_decoy(struct attack_run *r)
+static int read_proxy(struct attack_run *r, struct sg_model **model)
+{
+    const struct sg_scaffold_params *scaffold = &r->attack_params.scaffold;
+    const bool anchors = r->attack_params.model == SG_ATTACK_SCAFFOLD;
+    int code =
+        (anchors ? sg_model_read_drawable : sg_model_read)(r->ctx, r->proxy, UINT32_MAX, model);
+    if (!code && anchors)
+        code = sg_model_expect_anchors(r->ctx, *model, r->proxy, sg_network_parts(scaffold),
+                                       scaffold->appearance ? r->scene->n_train : 0);
+    if (!code)
+        code = sg_model_check(r->ctx, *model, r->proxy);
+    if (!code)
+        r->proxy_gaussians = sg_model_gaussians(*model);
+    return code;
+}
+
+static int resume_decoy(struct attack_run *r, const char *state, const char *saved)
+{
+    sg_run_remove_temporary(state);
+    int code = sg_run_check_inside(r->ctx, r->params->folder, "attack/checkpoint.bin");
+    if (!code)
+        code = sg_attack_resume(r->ctx, r->scene, saved, &r->attack_params, &r->attack);
+    r->checkpoint = code ? 0 : sg_attack_iteration(r->attack);
+    return code ? code : write_config(r); /* the scene may have moved */
+}
+
+static int make_decoy(struct attack_run *r)
 {
     struct sg_model *model = NULL;
     char *state = sg_strf(r->ctx, "%s/attack", r->params->folder);
     char *saved = state ? sg_strf(r->ctx, "%s/checkpoint.bin", state) : NULL;
-    const struct sg_scaffold_params *scaffold = &r->attack_params.scaffold;
-    const bool anchors = r->attack_params.model == SG_ATTACK_SCAFFOLD;
-    int code = !saved ? SG_ERR_BUDGET
-                      : (anchors ? sg_model_read_drawable : sg_model_read)(r->ctx, r->proxy,
-                                                                           UINT32_MAX, &model);
-    if (!code && anchors)
-        code = sg_model_expect_anchors(r->ctx, model, r->proxy, sg_network_parts(scaffold),
-                                       scaffold->appearance ? r->scene->n_train : 0);
-    if (!code)
-        code = sg_model_check(r->ctx, model, r->proxy);
-    if (!code)
-        r->proxy_gaussians = sg_model_gaussians(model);
-    if (!code && r->resume && !access(saved, F_OK)) {
-        sg_run_remove_temporary(state);
+    int code = saved ? read_proxy(r, &model) : SG_ERR_BUDGET;
+    const bool resume = !code && r->resume && !access(saved, F_OK);
+    if (resume)
         sg_model_destroy(&model);
-        code = sg_run_check_inside(r->ctx, r->params->folder, "attack/checkpoint.bin");
-        if (!code)
-            code = sg_attack_resume(r->ctx, r->scene, saved, &r->attack_params, &r->attack);
-        r->checkpoint = code ? 0 : sg_attack_iteration(r->attack);
-        if (!code)
-            code = write_config(r); /* the scene may have moved */
-    } else if (!code)
-        code = sg_attack_create(r->ctx, r->scene, model, &r->attack_params, &r->attack);
+    if (!code)
+        code = resume ? resume_decoy(r, state, saved)
+                      : sg_attack_create(r->ctx, r->scene, model, &r->attack_params, &r->attack);
     sg_model_destroy(&model);
     sg_free(saved);
     sg_free(state);
-    return code ? code : sg_attack_open_log(r);
+    return code;
 }
 
 static int save_decoy(struct attack_run *r)
@@ -330,6 +340,7 @@ static void remove_begun(sg_ctx *ctx, const char *folder)
          *proxy = state ? sg_strf(ctx, "%s/proxy", state) : NULL;
     if (proxy) {
         sg_run_discard(proxy);
+        remove_file(ctx, proxy, SG_OUTPUT_MARK);
         rmdir(proxy); /* where it is empty */
         rmdir(state);
     }
@@ -360,7 +371,9 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     sg_attack_ask(r, NULL);
     r->proxy = model[0] ? model : NULL;
     if (splat) {
-        code = start_decoy(r);
+        code = r->attack ? SG_OK : make_decoy(r);
+        if (!code)
+            code = sg_attack_open_log(r);
         if (!code)
             r->status->first = sg_attack_iteration(r->attack);
         if (!code)
@@ -390,19 +403,6 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     return lost && r->checkpoint ? name_checkpoint(r, code) : code;
 }
 
-/* Whether the proxy can be read, before what it replaces is removed. */
-static int try_proxy(struct attack_run *r, const char *path)
-{
-    struct sg_model *model = NULL;
-    int code = sg_run_has(r->ctx, r->params->folder, "poison.json")
-                   ? sg_model_read_drawable(r->ctx, path, UINT32_MAX, &model)
-                   : SG_OK;
-    if (!code && model)
-        code = sg_model_check(r->ctx, model, path);
-    sg_model_destroy(&model);
-    return code;
-}
-
 /* In a folder that is claimed. *fresh: it was new or empty. */
 static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
 {
@@ -419,8 +419,9 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
     if (!code)
         code = sg_poisoned_scene_check(r->ctx, r->scene, &p->files);
     /* Nothing of an earlier attack is removed before this one can begin. */
-    if (!code && !r->resume && model[0])
-        code = try_proxy(r, model);
+    r->proxy = model[0] ? model : NULL;
+    if (!code && !r->resume && r->proxy)
+        code = make_decoy(r);
     if (!code && !r->resume) {
         *fresh = !sg_run_has_files(p->folder);
         /* Until this one ends, the images of an earlier attack must not be taken for its own. */

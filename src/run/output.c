@@ -24,7 +24,6 @@ struct sg_output {
     size_t made; /* length of the first folder that was made on the way, 0 = none */
 };
 
-#define MARK ".splatguard"
 #define MARK_BYTES 512
 #define TRIES 100   /* while others make and remove the same folder */
 #define PATIENCE 50 /* waits of 10 ms for an owner to write its name */
@@ -293,7 +292,7 @@ int sg_output_claim_by(sg_ctx *ctx, const char *folder, const struct sg_output_r
                      .lock = -1,
                      .maker = rules->maker,
                      .folder = sg_strdup(ctx, folder),
-                     .mark = sg_strf(ctx, "%s/" MARK, folder)};
+                     .mark = sg_strf(ctx, "%s/" SG_OUTPUT_MARK, folder)};
     int code = o->folder && o->mark ? SG_OK : SG_ERR_BUDGET, tried = RETRY;
     if (!code && !rules->nested)
         code = check_place(ctx, folder, rules);

@@ -5,6 +5,8 @@
 #include "core/context.h"
 #include "splatguard/output.h"
 
+#define SG_OUTPUT_MARK ".splatguard" /* in a folder: who made it */
+
 struct sg_output_rules {
     const char *maker;   /* the mark names it */
     const char *earlier; /* what is continued or replaced, "run"; NULL: there is no such thing */
