@@ -284,7 +284,7 @@ static int end_early(sg_run *r, int error)
     if (lost)
         sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
     sg_clear_error(r->ctx);
-    r->saved = lost ? r->saved : done;
+    r->saved = done > r->saved && !lost ? done : r->saved;
     r->ended_by = error;
     int code = sg_run_write_summary(r);
     if (r->saved && error == SG_ERR_BUDGET) { /* the model is smaller than asked for, but valid */
@@ -398,6 +398,16 @@ static bool is_summed_up(const sg_run *r, int iteration)
            json_is_false(json_object_get(r->earlier, "interrupted"));
 }
 
+/* A run that goes on is not at its end, even if it is killed before it says so. */
+static int reopen_summary(const sg_run *r)
+{
+    if (!json_is_false(json_object_get(r->earlier, "interrupted")))
+        return SG_OK;
+    json_t *s = json_copy(r->earlier);
+    json_object_set_new(s, "interrupted", json_true());
+    return sg_run_write_json(r->ctx, r->params.folder, "summary.json", s);
+}
+
 /* From the checkpoint. */
 static int restore(sg_run *r)
 {
@@ -425,7 +435,7 @@ static int restore(sg_run *r)
     if (!code) {
         read_earlier(r);
         /* a model comes before its checkpoint */
-        r->saved = r->checkpoint = sg_trainer_iteration(r->trainer);
+        r->saved = r->checkpoint = r->trainer->resumed;
         /* a tighter limit would only thin it out */
         r->finished = r->saved >= r->params.train.iterations && is_summed_up(r, r->saved);
     }
@@ -434,6 +444,8 @@ static int restore(sg_run *r)
                        "interrupted before the first step; %s is as it was", folder);
     if (!code && !r->finished) /* iterations may have been raised */
         code = sg_run_write_config(r->ctx, &r->params, variant ? variant : now);
+    if (!code && !r->finished)
+        code = reopen_summary(r);
     json_decref(config);
     return code;
 }

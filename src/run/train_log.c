@@ -29,7 +29,9 @@ json_t *sg_run_defense_seconds(const sg_run *r)
     return object;
 }
 
-static void take_totals(struct run_totals *t, const json_t *line)
+/* defense: the object with what the defense has done. */
+static void take_totals(struct run_totals *t, const json_t *line, const json_t *defense,
+                        const char *parts_key)
 {
     if (!json_object_get(line, "train_seconds"))
         return;
@@ -37,11 +39,11 @@ static void take_totals(struct run_totals *t, const json_t *line)
     t->cpu_seconds = json_number_value(json_object_get(line, "cpu_seconds"));
     t->max_gaussians = (uint64_t) json_integer_value(json_object_get(line, "max_gaussians"));
     t->max_instances = (uint64_t) json_integer_value(json_object_get(line, "max_instances"));
-    t->filter_events = (uint64_t) json_integer_value(json_object_get(line, "filter_events"));
-    t->filter_removed = (uint64_t) json_integer_value(json_object_get(line, "filter_removed"));
+    t->filter_events = (uint64_t) json_integer_value(json_object_get(defense, "filter_events"));
+    t->filter_removed = (uint64_t) json_integer_value(json_object_get(defense, "filter_removed"));
     for (int k = 0; k < PARTS; k++)
-        *part(&t->parts, k) = json_number_value(
-            json_object_get(json_object_get(line, "defense_seconds"), parts[k].name));
+        *part(&t->parts, k) =
+            json_number_value(json_object_get(json_object_get(defense, parts_key), parts[k].name));
 }
 
 /* Lines up to the checkpoint, of iterations, of the filter and of noise, stay. */
@@ -56,7 +58,7 @@ static bool take(void *arg, const json_t *line)
     if (!json_is_integer(iteration) ||
         json_integer_value(iteration) > sg_trainer_iteration(r->trainer))
         return false;
-    take_totals(&r->totals, line);
+    take_totals(&r->totals, line, line, "defense_seconds");
     r->log_instances = r->totals.max_instances;
     if (!r->first_gaussians)
         r->first_gaussians = (size_t) json_integer_value(json_object_get(line, "gaussians"));
@@ -97,8 +99,15 @@ static int fill(void *arg, json_t *line, uint64_t view, bool wait, bool *known)
 
 int sg_run_open_log(sg_run *r)
 {
-    return sg_run_log_open(r->ctx, r->params.folder, "log.jsonl", r->resume ? take : NULL, fill, r,
-                           &r->log);
+    const int code = sg_run_log_open(r->ctx, r->params.folder, "log.jsonl", r->resume ? take : NULL,
+                                     fill, r, &r->log);
+    /* The line of an iteration that is done again has gone. */
+    if (!code && r->resume && sg_trainer_iteration(r->trainer) < r->checkpoint &&
+        json_integer_value(json_object_get(r->earlier, "iterations")) == r->checkpoint) {
+        take_totals(&r->totals, r->earlier, json_object_get(r->earlier, "defense"), "seconds");
+        r->log_instances = r->totals.max_instances;
+    }
+    return code;
 }
 
 /* After a failure nothing more is logged; the training continues. view: of which the line has

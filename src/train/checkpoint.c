@@ -678,6 +678,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     /* The last iteration changes nothing. In a longer run it is another one, and is done again. */
     const bool again = h->ended && t->params.iterations > h->iteration;
     t->start_degree = h->start_degree;
+    t->resumed = h->iteration;
     t->iteration = h->iteration - again;
     t->steps = h->steps - again;
     t->idle = h->ended && !again;

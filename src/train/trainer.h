@@ -19,6 +19,7 @@ struct sg_trainer {
     int sh_degree;    /* stored */
     int start_degree; /* active at iteration 0 */
     int iteration;
+    int resumed;    /* iteration of the checkpoint that it goes on from; the last is done again */
     uint64_t steps; /* equal to `iteration`, unless time is short */
     uint64_t idle;  /* of them, the newest: those from the last iteration on, which move nothing */
     double spent;   /* seconds of the steps before the clock's `started` */

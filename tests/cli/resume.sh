@@ -69,6 +69,23 @@ for run in cut longer; do
 done
 cmp cut.losses longer.losses || fail "the log of a run that was made longer is another one"
 
+# It has that run's totals, also of what its log says only at its end. Killed while it goes on, it is not at its end.
+defended=$(once $short --init-points 400 --defense spectral --preset ns --filter-from 1 --filter-interval 5 --log-every 1000000 --save-every 0 | sed 's/--iterations [0-9]* //')
+expect 0 train moved/blender -o made-longer $defended --iterations 40
+"$program" train --resume made-longer --iterations 2000000 -q 2>/dev/null &
+pid=$!
+continues() { grep -q '"iterations": 2000000' made-longer/config.json && grep -q '"interrupted": true' made-longer/summary.json; }
+wait_until continues
+kill -9 $pid
+wait $pid 2>/dev/null
+sed -i 's/"iterations": 2000000/"iterations": 80/' made-longer/config.json
+expect 0 train --resume made-longer -q
+expect 0 train moved/blender -o long-made $defended --iterations 80
+for key in max_gaussians max_instances filter_events filter_removed; do
+    [ "$(grep "\"$key\"" made-longer/summary.json)" = "$(grep "\"$key\"" long-made/summary.json)" ] ||
+        fail "of a run that was made longer: $(grep "\"$key\"" made-longer/summary.json long-made/summary.json)"
+done
+
 # A run that began with a model begins with its SH degree, and does not need its file again.
 expect 0 train moved/blender -o warm $(once $short --iterations 40 --sh-interval 1000 --init cut/$last --save-every 20 --eval)
 cp cut/$last first.ply
