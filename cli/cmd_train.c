@@ -97,7 +97,8 @@ static int check_options(const struct train_config *c, const bool *given)
         }
     }
     warn_idle(c, given);
-    if (c->run.audit == SG_RUN_AUDIT_DEFEND && !c->run.train.defense.on &&
+    /* A run of such an audit that found clean photos has no defense, and may be told so. */
+    if (!c->resume && c->run.audit == SG_RUN_AUDIT_DEFEND && !c->run.train.defense.on &&
         options_given(&command_train, given, T(run.train.defense.on))) {
         say(stderr, "splatguard train: --defense off and --audit defend exclude each other\n");
         return STATUS_USAGE;
@@ -278,10 +279,10 @@ static int run_train(const void *config, const bool *given, const char *const *p
     if (!code && (!c.run.source || !c.run.folder))
         code = missing(&command_train, c.run.source ? "-o RUN" : "SCENE");
     if (!code)
-        code = check_options(&c, given);
-    if (!code)
         code = published_apply(&command_train, c.published, c.run.train.model, c.run.train.strategy,
                                given, &c);
+    if (!code)
+        code = check_options(&c, given);
     c.run.train.cpu = cpu_variant(c.run.train.cpu);
     if (!code)
         code = open_engine_context(&ctx, c.threads, c.run.max_memory, c.run.max_vram, c.quiet);

@@ -133,6 +133,7 @@ expect 0 train scene/blender -o published $brief --published ns --model scaffold
 expect 0 train scene/blender -o published $brief --published tt --model scaffold; has voxel-size 0.01; has anchor-cells 16
 expect 0 train scene/blender -o published $brief --published db --model scaffold --voxel-size 0.5; has voxel-size 0.5
 expect 0 train scene/blender -o published $brief --published poison-splat --model scaffold; has photo-appearance true
+expect 0 train scene/blender -o published $brief --published poison-splat --model scaffold --appearance-numbers 16; has appearance-numbers 16
 expect 0 train scene/blender -o published $(once $brief --init-points 60) --published bungee --model scaffold; has voxel-size 0.0; has anchor-cells 128
 has init-points 60
 expect 1 train scene/blender -o none --published bungee; says 'no published settings of 3dgs for BungeeNeRF'
