@@ -126,8 +126,11 @@ static int run_eval(const void *config, const bool *given, const char *const *po
         else {
             for (size_t i = 0; c->per_view && i < e.views; i++) {
                 make_printable(v.views[i].name); /* a line end in it too */
-                printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr,
-                       e.per_view[i].ssim);
+                if (isnan(e.per_view[i].psnr))
+                    printf("%-32s not measured: its mask hides all of it\n", v.views[i].name);
+                else
+                    printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr,
+                           e.per_view[i].ssim);
             }
             printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu view%s  %zu Gaussians\n",
                    e.psnr, e.ssim, e.fps, e.fps_mean, e.views, e.views == 1 ? "" : "s",

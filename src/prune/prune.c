@@ -177,7 +177,7 @@ int sg_prune(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *m
             continue;
         code = remove_lowest(ctx, scene, &p, share, out, &r);
         if (!code)
-            sg_log(ctx, SG_LOG_INFO, "of %zu Gaussians %zu removed, %zu of which no view shows",
+            sg_log(ctx, SG_LOG_INFO, "of %zu Gaussians %zu removed; no view shows %zu",
                    r.before[r.rounds - 1], r.removed[r.rounds - 1], r.unseen[r.rounds - 1]);
         if (!code && p.finetune)
             code = sg_finetune(ctx, scene, &p, out);

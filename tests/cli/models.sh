@@ -38,6 +38,11 @@ rm "$(find masked/images -type f | sort | tail -n 1)"
 expect 0 info masked --json; says 'are skipped'
 grep -q '"format": "colmap", "train_views": 5, "test_views": 1' out || fail "info --json says $(cat out)"
 grep -q '"photos": 6}\], .*"masked": 1, "undistorted": 0, "lossy": 0, "points": 300' out || fail "info --json says $(cat out)"
+# A photo of which nothing is used is not measured.
+echo iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg== | base64 -d >masked/masks/view_0002.png
+expect 0 eval good.ply --scene masked --split train --per-view -q
+grep -q '^view_0002 .*not measured: its mask hides all of it' out || fail "of a masked photo eval says $(cat out)"
+rm masked/masks/view_0002.png
 truncate -s 100 "$(find masked/images -type f | sort | tail -n 1)"
 expect 0 info masked; says 'warning: refused with --eval: '; says 'end of stream; with test views (eval) it is not skipped'
 grep -q 'views      5 to train on, 0 for tests' out || fail "info does not say what training takes: $(cat out)"
