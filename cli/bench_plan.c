@@ -192,11 +192,15 @@ static void add_folder(const char *path, int depth, struct print *p)
         closedir(d);
 }
 
-/* Reads the scene at p->root. */
+/* Reads the scene at p->root, a folder or an archive. */
 static void add_files(struct print *p)
 {
+    struct stat st;
     p->length = strlen(p->root);
-    add_folder(p->root, 0, p);
+    if (!stat(p->root, &st) && S_ISREG(st.st_mode))
+        add_file(p->root, "", &st, p);
+    else
+        add_folder(p->root, 0, p);
     for (size_t i = 0; i < p->n_behind; i++)
         add_folder(p->behind[i], 0, p);
     for (size_t i = 0; i < p->n_behind; i++)

@@ -318,9 +318,35 @@ static int put(struct store *s, const char *sql, const char *types, ...)
     return code;
 }
 
+/* The cells of a shard take the place of those that the plan has in the database. */
+static int check_shard(struct store *s, const struct plan *plan)
+{
+    sqlite3_stmt *q = NULL;
+    const char *now = json_string_value(json_object_get(plan->root, "shard")), *then = NULL;
+    if (!now)
+        return STATUS_DONE;
+    if (sqlite3_prepare_v2(s->db, "SELECT json_extract(text, '$.shard') FROM plan WHERE name=?", -1,
+                           &q, NULL))
+        return failed(s);
+    sqlite3_bind_text(q, 1, plan->name, -1, SQLITE_TRANSIENT);
+    const bool is_there = sqlite3_step(q) == SQLITE_ROW;
+    if (is_there)
+        then = (const char *) sqlite3_column_text(q, 0);
+    const bool other = is_there && (!then || strcmp(then, now));
+    if (other)
+        say(stderr,
+            "splatguard bench: %s: found %s%s of the plan %s, expected a database of its own "
+            "for shard %s\n",
+            s->path, then ? "shard " : "all", then ? then : "", plan->name, now);
+    sqlite3_finalize(q);
+    return other ? STATUS_INPUT : STATUS_DONE;
+}
+
 int store_cells(struct store *s, const struct plan *plan)
 {
-    int code = run(s, "BEGIN IMMEDIATE");
+    int code = check_shard(s, plan);
+    if (!code)
+        code = run(s, "BEGIN IMMEDIATE");
     if (code)
         return code;
     code = put(s, "DELETE FROM cell WHERE plan=?", "t", plan->name);

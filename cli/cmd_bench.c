@@ -175,6 +175,8 @@ static int run_plan(const struct bench_config *c, struct plan *p)
         code = STATUS_INPUT;
     }
     b.work = whole;
+    if (c->shard) /* the database has it with the plan */
+        json_object_set_new(p->root, "shard", json_string(c->shard));
     if (!code)
         code = store_cells(b.store, p);
     if (!code)

@@ -218,7 +218,7 @@ static void put_failures(FILE *f, const struct report *r, enum format format)
     for (size_t i = 0; i < r->n_obstacles; i++) {
         const struct obstacle *o = &r->obstacles[i];
         if (!i) {
-            put_heading(f, format, 2, "Jobs that runs need, without a result");
+            put_heading(f, format, 2, "Jobs without a result, also those of earlier plans");
             begin_table(f, format, obstacles, 4);
         }
         begin_row(f, format, o->kind);

@@ -30,6 +30,7 @@ Ctrl-C raises KeyboardInterrupt at the next step of whatever runs; see train for
 
 import array as _arrays
 import itertools as _itertools
+import threading as _threading
 
 from . import _core
 from ._core import (BudgetError, Cancelled, Error, InputError, InternalError, PoisonedError,
@@ -122,14 +123,16 @@ class Context(_core.Context):
 
 
 _default = None
+_default_lock = _threading.Lock()
 
 
 def _context(context):
     global _default
     if context is not None:
         return context
-    if _default is None:
-        _default = Context()
+    with _default_lock:
+        if _default is None:
+            _default = Context()
     return _default
 
 

@@ -522,6 +522,31 @@ def test_names_of_photos_need_not_be_utf8(tmp_path):
 
 # ---- attack and defense ----
 
+def test_defense_alone_is_the_preset_ns():
+    kinds = ({"defense": True}, {"defense": "spectral"}, {"defense": True, **sg.defense_preset("ns")}, {})
+    known, named, preset, none = (
+        bytes(sg.train(scene_of(), filter_interval=5, **SHORT, **kind)["position"]) if kind else
+        bytes(sg.train(scene_of(), **SHORT)["position"]) for kind in kinds)
+    assert known == named == preset != none
+
+
+def test_the_default_context_is_one():
+    sg._default, before = None, sg._default
+    barrier, found = threading.Barrier(8), []
+
+    def ask():
+        barrier.wait()
+        found.append(sg._context(None))
+
+    threads = [threading.Thread(target=ask) for _ in range(8)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    sg._default = before
+    assert len(set(map(id, found))) == 1
+
+
 def test_photos_alone(tmp_path):
     for k in range(3):
         (tmp_path / f"{k}.png").write_bytes(tour.png(photo(k)))

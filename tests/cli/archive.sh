@@ -38,6 +38,17 @@ cmp cut/checkpoint.bin whole/checkpoint.bin || fail "the checkpoints differ afte
 "$tool" view blender.zip --scene scene/blender 2>err && fail "a view of two scenes"
 grep -q 'found two scenes\|no HTTP server' err || fail "view says $(cat err)"
 
+# A plan has a scene's archive in place of a folder, and another one if it changes.
+if [ -n "$("$tool" bench --help 2>/dev/null)" ]; then
+    echo '{"scenes": {"s": {"path": "blender.zip"}}, "photos": {"clean": []}, "defenses": {"off": []}, "models": {"default": []},
+        "runs": [{"scenes": ["s"], "photos": ["clean"], "defenses": ["off"], "models": ["default"], "seeds": [1]}]}' >archived.json
+    expect 0 bench archived.json --list; cp out jobs
+    grep -q train jobs || fail "the jobs of an archive are $(cat jobs)"
+    cp blender.zip kept.zip && printf x >>blender.zip
+    expect 0 bench archived.json --list; cmp -s out jobs && fail "a changed archive is the same scene"
+    mv kept.zip blender.zip
+fi
+
 # Archives that are something else than what they are taken for.
 cp blender.zip blender.dat
 expect 2 info blender.dat; says "the name of a scene's archive ends in .zip"

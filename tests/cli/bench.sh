@@ -307,6 +307,9 @@ for shard in 4/3 4294967297/1; do
     expect 1 bench plan.json -o x.db --shard $shard; says '--shard'
 done
 expect 1 bench plan.json -o x.db --shard 1/3 --slurm 2; says 'exclude each other'
+cp once.db all.db
+expect 2 bench plan.json -o all.db --shard 1/2; says 'found all of the plan plan, expected a database of its own for shard 1/2'
+cmp once.db all.db || fail "a database of other cells has changed"
 expect 1 bench plan.json -o x.db --slurm 0; says 'slurm: found "0", expected a whole number from 1 to 10000'
 expect 1 bench plan.json -o x.db --max-memory 1G; says 'found a plan without'
 expect 0 bench plan.json -o "it's.db" --slurm 2
