@@ -141,7 +141,7 @@ static int check_value(const struct reader *r, const json_t *value, const char *
     return STATUS_DONE;
 }
 
-/* Whether a job's command has the option already: a second one is refused, by each job. */
+/* Whether bench decides on the option: a second one would be refused, by each job. */
 static bool is_own(const struct command *command, const struct sg_option *option)
 {
     static const struct {
@@ -175,8 +175,8 @@ static int read_options(const struct reader *r, json_t *list, const char *where,
                               (int) strcspn(word, "="), word, command->name,
                               near ? "; did you mean --" : "", near ? near : "", near ? "?" : "");
         if (is_own(command, known))
-            return plan_wrong(r, "%s[%zu]: found --%s, which bench itself gives to %s", where, at,
-                              known->name, command->name);
+            return plan_wrong(r, "%s[%zu]: found --%s, which is for bench itself to give", where,
+                              at, known->name);
         const bool inside = text;
         if (known->type == SG_OPTION_FLAG && inside)
             return plan_wrong(r, "%s[%zu]: --%s takes no value", where, at, known->name);

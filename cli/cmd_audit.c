@@ -152,8 +152,7 @@ const struct command command_audit = {
         "Looks for the traces that attacks on the cost of training leave: fine "
         "oscillation in whole photos or in parts of them. The exit status is 0 for every verdict, "
         "unless --exit-code is given. PHOTOS is a folder of photos without cameras, or a zip "
-        "archive "
-        "of one.",
+        "archive of one.",
     .groups = "Output|Scene",
     .options = audit_options,
     .parts = audit_parts,

@@ -4,6 +4,9 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef __linux__
+#include <sys/prctl.h>
+#endif
 #include <unistd.h>
 
 #include "commands.h"
@@ -170,6 +173,9 @@ int main(int argc, char **argv)
     const char *name = argc > 1 ? argv[1] : "--help";
     if (!hold_standard_streams())
         return STATUS_INTERNAL;
+#ifdef __linux__
+    prctl(PR_SET_NAME, "splatguard"); /* a job of bench is started by another name */
+#endif
     /* `| head` or a full disk must not end a training: failed writes are noticed at the end. */
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN);

@@ -231,6 +231,8 @@ static int take_plan(void *arg, int columns, const char *const *v)
     struct report *r = p->r;
     (void) columns;
     json_t *plan = v[0] && v[1] ? json_loads(v[1], 0, NULL) : NULL;
+    if (plan)
+        json_object_del(plan, "shard"); /* which part it is of */
     const json_t *before = plan ? json_object_get(r->plans, v[0]) : NULL;
     if (before && !json_equal(before, plan)) {
         say(stderr,

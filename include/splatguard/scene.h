@@ -62,9 +62,10 @@ struct sg_scene_params {
     bool untrained;
     /* Read a folder of photos that is no scene as SG_FORMAT_PHOTOS: what lies in the folder itself
      * and has the ending of a photo or begins as one. Alpha is ignored, as in COLMAP's scenes; the
-     * views are named as the files, and their cameras say nothing, so that training and pruning
-     * refuse them. Entries that may hide photos are warned of, or refused with strict. Masks are
-     * only used if `masks` names their folder. Default false. */
+     * views are named as the files. Their cameras say nothing: training and pruning refuse them,
+     * and other measurements of models would mean nothing. Entries that may hide photos are warned
+     * of, or refused with strict. Masks are only used if `masks` names their folder. Default false.
+     */
     bool photos_alone;
     /* Refuse a scene if a photo is missing, cannot be decoded, or has another scale than its
      * camera. Otherwise such photos are skipped, or their focal lengths scaled, with a warning.

@@ -254,8 +254,9 @@ class Scene:
     def load(cls, path, context=None, eval=False, untrained=False, photos_alone=False, **params):
         """Loads a COLMAP, Blender or nerfstudio folder, or a zip archive of one. eval: hold test
         views out of training. untrained: nothing will be trained, so that all may be test views.
-        photos_alone: a folder of photos without cameras will do, as for audit; then
-        format is "photos". params: see options("scene"). Raises InputError for what is missing or malformed."""
+        photos_alone: a folder of photos without cameras will do, as for audit; then format is
+        "photos". params: see options("scene"). Raises InputError for what is missing or
+        malformed."""
         context = _context(context)
         return cls(_core.scene_load(context, path, params, _flag(eval, "eval"),
                                     _flag(untrained, "untrained"),

@@ -53,6 +53,12 @@ static void note_error(sg_run *r, int code)
     sg_clear_error(r->ctx);
 }
 
+int sg_run_done(const sg_run *r)
+{
+    const int it = sg_trainer_iteration(r->trainer);
+    return r->saved > it || (r->ended_by && r->saved) ? r->saved : it;
+}
+
 /* Measures the test views; fps only at the end. Where exposures are learned, also with those of the
  * test photos, or, where these are not known, after matching colours. */
 static int measure_views(sg_run *r, sg_renderer *renderer, bool time_fps)
@@ -334,7 +340,7 @@ static int finish(sg_run *r)
     sg_clear_error(r->ctx); /* of what `step` looked at, which did not end the run */
     /* Without a step there is nothing new to save, and a tighter limit may have thinned the model
      * out. */
-    const bool stepped = sg_trainer_iteration(r->trainer) > r->saved || !r->resume;
+    const bool stepped = sg_trainer_iteration(r->trainer) > r->from || !r->resume;
     int code = stepped ? save(r) : SG_OK;
     r->resumable |= !stepped;
     if (!code && r->params.scene.eval && !cut)
@@ -343,7 +349,7 @@ static int finish(sg_run *r)
         code = sg_run_write_summary(r);
     if (!code && cut)
         code = sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted at iteration %d; saved",
-                       sg_trainer_iteration(r->trainer));
+                       sg_run_done(r));
     return code;
 }
 
@@ -354,7 +360,7 @@ int sg_run_train(sg_run *r)
         return SG_OK;
     if (!r->first_gaussians)
         r->first_gaussians = sg_trainer_gaussians(r->trainer);
-    r->window_from = sg_trainer_iteration(r->trainer);
+    r->from = r->window_from = sg_trainer_iteration(r->trainer);
     measure_missed(r);
     int code = loop(r);
     if (!code && !r->ended_by)

@@ -52,6 +52,7 @@ struct sg_run {
     int saved;                /* iteration of the newest model that is saved, 0 = none */
     int model_saved;          /* iteration of one that was saved before what it changes */
     int checkpoint;           /* and of the newest checkpoint */
+    int from;                 /* iteration that the process begins after */
     struct sg_eval eval;      /* newest measurement */
     const char *corrected_by; /* its corrected values, or NULL: it has none */
     int evaluated;            /* iteration of the newest in the log, 0 = none */
@@ -81,5 +82,7 @@ int sg_run_log_eval(sg_run *run);
 json_t *sg_run_defense_seconds(const sg_run *run);
 
 int sg_run_write_summary(sg_run *run);
+/* Iterations of the model that the run has, or ends with. */
+int sg_run_done(const sg_run *run);
 
 #endif

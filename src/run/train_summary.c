@@ -96,7 +96,7 @@ static uint64_t test_pixels(const struct sg_scene *scene)
 int sg_run_write_summary(sg_run *r)
 {
     const struct run_totals *t = &r->totals;
-    const int done = r->ended_by && r->saved ? r->saved : sg_trainer_iteration(r->trainer);
+    const int done = sg_run_done(r);
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);
     json_t *s = json_object();

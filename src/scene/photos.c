@@ -28,6 +28,8 @@ static bool begins_as_photo(sg_ctx *ctx, const struct sg_folder *dir, const char
     const bool is = !sg_folder_source(ctx, dir, path, UINT64_MAX, &in) && sg_image_recognised(&in);
     sg_source_close(&in);
     sg_failures_apart(NULL);
+    if (failure.code == SG_ERR_BUDGET)
+        sg_fail(ctx, SG_ERR_BUDGET, "%s", failure.text);
     return is;
 }
 
@@ -40,7 +42,7 @@ static enum entry look_at(sg_ctx *ctx, const struct sg_folder *dir, const char *
     const bool hidden = *name == '.', named = has_ending(name) && !hidden;
     *what = NULL;
     if (!dir->follow_links && sg_folder_leads_out(dir, path))
-        *what = named ? "a link out of the folder" : NULL;
+        *what = hidden ? NULL : "a link out of the folder";
     else if (sg_folder_has_folder(dir, path))
         *what = hidden ? NULL : "a folder";
     else if (!sg_folder_has(dir, path))
@@ -87,8 +89,8 @@ static int list_entry(void *arg, const char *name)
     if (!path)
         return SG_ERR_BUDGET;
     const enum entry entry = look_at(l->ctx, l->dir, name, path, &what);
-    int code = SG_OK;
-    if (entry == ENTRY_PHOTO)
+    int code = sg_failed(l->ctx) ? SG_ERR_BUDGET : SG_OK;
+    if (!code && entry == ENTRY_PHOTO)
         code = add_shot(l, name, &path);
     const bool masks = l->params->masks && !strcmp(name, l->params->masks);
     if (entry == ENTRY_UNSEEN && !masks && (!l->unseen++ || strcmp(name, l->first) < 0)) {
@@ -106,13 +108,15 @@ static int find_photo(void *arg, const char *name)
     char *path = l->found ? NULL : sg_strf(l->ctx, "%s/%s", l->dir->path, name);
     l->found |= path && look_at(l->ctx, l->dir, name, path, &what) == ENTRY_PHOTO;
     sg_free(path);
-    return SG_OK;
+    return sg_failed(l->ctx) ? SG_ERR_BUDGET : SG_OK;
 }
 
-bool sg_is_photos(sg_ctx *ctx, const struct sg_folder *dir)
+int sg_is_photos(sg_ctx *ctx, const struct sg_folder *dir, bool *is)
 {
     struct listing l = {.ctx = ctx, .dir = dir};
-    return !sg_folder_each(ctx, dir, find_photo, &l) && l.found;
+    const int code = sg_folder_each(ctx, dir, find_photo, &l);
+    *is = !code && l.found;
+    return code;
 }
 
 int sg_read_photos(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,

@@ -125,8 +125,12 @@ int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], c
                        const struct sg_scene_params *params, struct sg_shots *shots,               \
                        struct sg_points *points);
 SG_READERS(R)
-R(PHOTOS, photos, , ) /* of no turn: only where photos alone will do */
 #undef R
+
+/* Photos alone, where they will do. */
+int sg_is_photos(sg_ctx *ctx, const struct sg_folder *dir, bool *is);
+int sg_read_photos(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                   struct sg_shots *shots, struct sg_points *points);
 
 /* The folder is a scene, by the files that the formats begin with. Records no error. */
 bool sg_scene_recognised(sg_ctx *ctx, const char *path);

@@ -58,16 +58,15 @@ static int recognise(sg_ctx *ctx, const struct sg_folder *dir, bool photos_alone
                                                               : ", ",
                  formats[*format].files);
     }
-    if (photos_alone && sg_is_photos(ctx, dir)) {
-        *format = SG_FORMAT_PHOTOS;
-        return SG_OK;
-    }
-    if (sg_failed(ctx))
-        return SG_ERR_BUDGET;
+    bool photos = false;
+    const int code = photos_alone ? sg_is_photos(ctx, dir, &photos) : SG_OK;
+    *format = photos ? SG_FORMAT_PHOTOS : SG_FORMAT_AUTO;
+    if (code || photos)
+        return code;
     return sg_fail(
         ctx, SG_ERR_INPUT,
         "%s: found no scene, looked for %s; photos alone need cameras first, as COLMAP finds them "
-        "(only an audit, of a folder of photos, needs none)",
+        "(only an audit needs none)",
         dir->path, looked_for);
 }
 

@@ -53,7 +53,7 @@ fi
 cp blender.zip blender.dat
 expect 2 info blender.dat; says "the name of a scene's archive ends in .zip"
 (cd scene/colmap/images && python3 -m zipfile -c ../../../photos.zip ./*)
-expect 2 train photos.zip -o photos; says 'photos.zip: found no scene, looked for '; says 'only an audit, of a folder of photos, needs none'
+expect 2 train photos.zip -o photos; says 'photos.zip: found no scene, looked for '; says 'only an audit needs none'
 expect 0 audit photos.zip; cp out of_archive; expect 0 audit scene/colmap/images; cmp out of_archive || fail "another verdict from an archive"
 mkdir -p deep/sub && cp scene/colmap/images/* deep && cp scene/colmap/images/* deep/sub && pack . deep.zip deep
 expect 0 audit deep.zip; says 'deep.zip: 1 of its entries is not looked at; the first is sub, a folder'

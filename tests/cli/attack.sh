@@ -76,8 +76,6 @@ expect 2 attack scene/colmap -o early --force --proxy early.ply --quiet; says 'e
 expect 0 info early
 expect 2 attack scene/colmap -o early --force --proxy seed --model scaffold --quiet; says 'seed/point_cloud'
 expect 0 info early
-expect 3 attack scene/colmap -o early --force $options --proxy seed --max-memory 24M
-expect 0 info early
 "$tool" attack scene/colmap -o early --force $(once $options --proxy-iterations 20000) 2>err &
 pid=$!
 wait_for early/attack/proxy/log.jsonl

@@ -189,6 +189,7 @@ pid=$!
 link_saves() { ls link.db.work/*/run/checkpoint.bin >/dev/null 2>&1; }
 wait_until link_saves
 interrupt $pid
+grep -q '"interrupted": true' link.db.work/*/run/summary.json || fail "the run of a linked scene had ended: $(cat err)"
 expect 0 bench link.json -o link.db -q
 
 # All jobs are of the program that began, also where its file is replaced meanwhile.
@@ -307,6 +308,10 @@ for shard in 4/3 4294967297/1; do
     expect 1 bench plan.json -o x.db --shard $shard; says '--shard'
 done
 expect 1 bench plan.json -o x.db --shard 1/3 --slurm 2; says 'exclude each other'
+expect 0 bench plan.json -o part1.db -q --shard 1/2 --work shards
+expect 0 bench plan.json -o part2.db -q --shard 2/2 --work shards
+expect 0 report part1.db part2.db -o parts-page
+[ "$(ask part1.db 'select count(*) from cell')" -lt 6 ] && [ "$(wc -l <parts-page/results.csv)" -eq 7 ] || fail "of two shards the report has $(cat parts-page/*.csv)"
 cp once.db all.db
 expect 2 bench plan.json -o all.db --shard 1/2; says 'found all of the plan plan, expected a database of its own for shard 1/2'
 cmp once.db all.db || fail "a database of other cells has changed"
@@ -403,9 +408,9 @@ mistake 's/"off": \[\]/"off": ["--max-gaussians", "{clean}"]/' 'defenses.off: ex
 mistake 's/\["--method", "noise", "--epsilon", "16"\]/["--method"]/' 'photos.noise[0]: --method: found no value, expected'
 mistake 's/"--epsilon", "16"/"--epsilon=1O"/' 'photos.noise[2]: --epsilon: found "1O", expected a whole number of grey levels'
 mistake 's/"--iterations", "[0-9]*"/"--iterations", "--seed"/' 'train[0]: --iterations: found no value, expected'
-mistake 's/"--init-points"/"--eval", &/' 'train[2]: found --eval, which bench itself gives to train'
-mistake 's/"--epsilon", "16"/"--proxy", "m.ply"/' 'photos.noise[2]: found --proxy, which bench itself gives to attack'
-mistake 's/"--finetune", "5"/"-j", "2"/' 'defenses.lg.prune[0]: found --threads, which bench itself gives to prune'
+mistake 's/"--init-points"/"--eval", &/' 'train[2]: found --eval, which is for bench itself to give'
+mistake 's/"--epsilon", "16"/"--proxy", "m.ply"/' 'photos.noise[2]: found --proxy, which is for bench itself to give'
+mistake 's/"--finetune", "5"/"-j", "2"/' 'defenses.lg.prune[0]: found --threads, which is for bench itself to give'
 mistake 's/"--iterations", "[0-9]*"/"--iterations", 60/' 'train[1]: expected a text'
 mistake 's/"--points", "200"/"--points"/' 'scenes.s.synth[8]: --points: found no value'
 mistake 's/"--finetune", "5"/"--finetune", "5", "10"/' 'defenses.lg.prune[2]: found 10, expected an option of prune'

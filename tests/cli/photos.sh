@@ -36,13 +36,17 @@ mkdir one/sub one/.hidden && ln -s a.png one/b.png
 expect 0 audit one; says 'warning: one: 1 of its entries is not looked at; the first is sub, a folder'; says 'one: 2 photos without'
 expect 2 audit one --strict; says 'one/sub: found a folder'; [ ! -s out ] || fail "a verdict of a part"
 rmdir one/sub; expect 0 audit one --strict
+# A link that leads out is named, whatever it is called and leads to.
+ln -s "$PWD/scene" one/more; ln -s /etc/passwd one/p.dat
+expect 0 audit one; says 'warning: one: 2 of its entries are not looked at; the first is more, a link out of the folder'
+expect 2 audit one --strict; says 'one/more: found a link out of the folder'
+rm one/more one/p.dat
 
 # Training goes by what a file begins with, not by its ending: so does the audit.
 cp one/a.png one/photo.dat && cp one/a.png one/no_ending && echo text >one/notes && echo text >one/notes.dat
 expect 0 audit one; says 'one: 4 photos without'; grep -q warning err && grep -q notes err && fail "notes are photos: $(cat err)"
 cp one/a.png one/.photo; expect 0 audit one; says 'warning: one: 1 of its entries is not looked at; the first is .photo, a hidden photo'
 rm one/photo.dat one/no_ending one/notes* one/.photo
-
 
 # What is no photo is left out, as it is in scenes.
 rm 'my photos/link.png' 'my photos/pipe.jpg'
