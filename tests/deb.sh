@@ -26,7 +26,7 @@ if grep -q view_server.c.o "$source_dir/build-deb/build.ninja"; then
     dpkg-deb -f first/splatguard_*.deb Recommends | grep -q '^libmicrohttpd' || fail "the package does not recommend the HTTP server"
 fi
 for package in first/python3-*.deb; do # its path is the same for all architectures
-    [ ! -e "$package" ] || [ -z "$(dpkg-deb -f "$package" Multi-Arch)" ] || fail "$package is for several architectures at once"
+    [ ! -e "$package" ] || ! dpkg-deb -f "$package" | grep -q '^Multi-Arch' || fail "$package is for several architectures at once"
 done
 ! dpkg-deb -f first/splatguard_*.deb Depends | grep microhttpd || fail "the package depends on the HTTP server"
 
