@@ -84,17 +84,23 @@ fi
 
 # Ctrl-C leaves nothing.
 if [ -z "${SG_TEST_ENGINE-}" ]; then # which is slower to see it
-    expect 0 synth -o wide --width 400 --height 300 --train-views 24 --test-views 24 --points 300 --samples 1
-    expect 0 train wide/colmap -o one --eval --iterations 1 --init-points 20000 -q
+    expect 0 synth -o traced --width 400 --height 300 --train-views 4 --test-views 1 --points 300 --samples 1
+    mkdir -p wide/sparse/0 wide/images
+    for i in $(seq 48); do
+        ln "$(find traced/colmap/images -name '*_0000.png')" "wide/images/$i.png"
+        printf '%s 1 0 0 0 0 0 3.%s 1 %s.png\n\n' "$i" "$i" "$i"
+    done >wide/sparse/0/images.txt
+    echo '1 SIMPLE_PINHOLE 400 300 400 200 150' >wide/sparse/0/cameras.txt
+    expect 0 train wide -o one --eval --test-every 2 --iterations 1 --init-points 20000 -q
     "$tool" report one -o stopped >out 2>err &
     interrupt $!
     [ $? -eq 130 ] && grep -q 'cancelled\|interrupted' err || fail "a report was not interrupted"
     [ ! -e stopped ] || fail "an interrupted report left $(ls -A stopped)"
-    "$tool" compare one one --scene wide/colmap --html stopped.html >out 2>err &
+    "$tool" compare one one --scene wide --html stopped.html >out 2>err &
     interrupt $!
     [ $? -eq 130 ] && grep -q 'cancelled\|interrupted' err || fail "a comparison was not interrupted"
     for file in stopped.html*; do [ ! -e "$file" ] || fail "Ctrl-C left $file"; done
-    rm -rf wide one
+    rm -rf traced wide one
 fi
 
 # Without its photos; with a log that is damaged, or gone.
