@@ -86,12 +86,9 @@ static bool needs_transforms(const struct sg_scene *scene)
 static const char *stem_of(const struct sg_scene *scene, const struct sg_view *view, size_t *length)
 {
     const char *file = !strncmp(view->file, "./", 2) ? view->file + 2 : view->file;
-    const char *dot = strrchr(sg_base_name(file), '.');
     /* names from memory are no files: "a" and "a.png" are two */
-    const bool photo = scene->format != SG_FORMAT_MEMORY && dot &&
-                       (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") ||
-                        !strcasecmp(dot, ".jpeg") || !strcasecmp(dot, ".webp"));
-    *length = photo ? (size_t) (dot - file) : strlen(file);
+    const char *ending = scene->format != SG_FORMAT_MEMORY ? sg_photo_ending(file) : NULL;
+    *length = ending ? (size_t) (ending - file) : strlen(file);
     return file;
 }
 

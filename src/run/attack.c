@@ -363,13 +363,13 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     if (splat && !model[0]) { /* the proxy's run loads the scene itself */
         sg_scene_destroy(&r->scene);
         code = train_proxy(r, model);
+        r->proxy = model;
         if (!code)
             code = load_scene(r);
     }
     if (code)
         return code;
     sg_attack_ask(r, NULL);
-    r->proxy = model[0] ? model : NULL;
     if (splat) {
         code = r->attack ? SG_OK : make_decoy(r);
         if (!code)

@@ -4,20 +4,9 @@
 #include <limits.h>
 #include <stdio.h>
 #include <string.h>
-#include <strings.h>
 
 #include "image/image.h"
 #include "scene/reader.h"
-
-static bool has_ending(const char *name)
-{
-    static const char *const endings[] = {".png", ".jpg", ".jpeg", ".webp"};
-    const char *dot = strrchr(name, '.');
-    bool has = false;
-    for (size_t i = 0; i < sizeof(endings) / sizeof(endings[0]) && dot; i++)
-        has |= dot > name && !strcasecmp(dot, endings[i]);
-    return has;
-}
 
 /* COLMAP and the readers of scenes go by what a file begins with. */
 static bool begins_as_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *path)
@@ -39,7 +28,7 @@ enum entry { ENTRY_PHOTO, ENTRY_OTHER, ENTRY_UNSEEN };
 static enum entry look_at(sg_ctx *ctx, const struct sg_folder *dir, const char *name,
                           const char *path, const char **what)
 {
-    const bool hidden = *name == '.', named = has_ending(name) && !hidden;
+    const bool hidden = *name == '.', named = !hidden && sg_photo_ending(name);
     *what = NULL;
     if (!dir->follow_links && sg_folder_leads_out(dir, path))
         *what = hidden ? NULL : "a link out of the folder";

@@ -82,6 +82,8 @@ int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first
 /* No two shots have the same photo: one of another folder is missing where an image has that place
  * itself, and refused where several images would have it. */
 int sg_shots_check_paths(sg_ctx *ctx, const struct sg_shots *shots, const char *where);
+/* The ending of a file's name, with its dot, where it is that of a photo; else NULL. */
+const char *sg_photo_ending(const char *file);
 /* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp), or one added
  * where it has none, if there is such a file: photos that were converted keep their place. *out:
  * NULL if there is none. */

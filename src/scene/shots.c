@@ -11,14 +11,22 @@
 #include "model/points.h"
 #include "scene/reader.h"
 
+const char *sg_photo_ending(const char *file)
+{
+    static const char *const endings[] = {".png", ".jpg", ".jpeg", ".webp"};
+    const char *dot = strrchr(sg_base_name(file), '.');
+    for (size_t i = 0; dot && i < sizeof(endings) / sizeof(endings[0]); i++)
+        if (!strcasecmp(dot, endings[i]))
+            return dot;
+    return NULL;
+}
+
 int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path, char **out)
 {
     static const char *const suffixes[] = {".JPG", ".jpg", ".jpeg", ".png", ".PNG", ".webp"};
-    const size_t n = sizeof(suffixes) / sizeof(suffixes[0]), length = strlen(path);
-    const char *dot = strrchr(sg_base_name(path), '.');
-    size_t stem = length; /* "frame.1" and "frame.2" are two photos */
-    for (size_t i = 0; dot && i < n; i++)
-        stem = strcasecmp(dot, suffixes[i]) ? stem : (size_t) (dot - path);
+    const size_t n = sizeof(suffixes) / sizeof(suffixes[0]);
+    const char *ending = sg_photo_ending(path); /* "frame.1" and "frame.2" are two photos */
+    const size_t stem = ending ? (size_t) (ending - path) : strlen(path);
     *out = NULL;
     for (size_t i = 0; i < n; i++) {
         char *other = sg_strf(ctx, "%.*s%s", (int) stem, path, suffixes[i]);

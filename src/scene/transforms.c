@@ -246,12 +246,9 @@ int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where,
 int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path)
 {
     static const char *const suffixes[] = {"", ".png", ".jpg", ".jpeg", ".webp"};
-    const char *dot = strrchr(sg_base_name(file), '.');
     /* No suffix is added to a name that ends in a known one. A name with another dot may get one.
      */
-    bool complete = false;
-    for (size_t i = 1; i < sizeof(suffixes) / sizeof(*suffixes); i++)
-        complete |= dot && !strcasecmp(dot, suffixes[i]);
+    const bool complete = sg_photo_ending(file);
     size_t n = complete ? 1 : sizeof(suffixes) / sizeof(*suffixes);
     *path = NULL;
     for (size_t i = 0; i < n; i++) {
