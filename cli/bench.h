@@ -60,6 +60,8 @@ void plan_clear(struct plan *plan);
 bool plan_limit(const char *text, double *factor);
 bool options_limited(const json_t *options); /* whether a list has one */
 
+/* The place of the first text in the list that is the same, or the list's length. */
+size_t options_place(const json_t *options, const char *text);
 /* Options of "--name value" lists, of which the later win; a new array. */
 json_t *options_merge(const json_t *const *lists, int n);
 

@@ -64,10 +64,7 @@ static void add_source(const struct scheduler *s, struct command_line *c, int in
 
 static bool has_word(const json_t *options, const char *word)
 {
-    for (size_t i = 0; i < json_array_size(options); i++)
-        if (!strcmp(json_string_value(json_array_get(options, i)), word))
-            return true;
-    return false;
+    return options_place(options, word) < json_array_size(options);
 }
 
 /* Options of a run's scene that its folder does not keep: they are given anew to each command. */

@@ -31,6 +31,15 @@ bool options_limited(const json_t *options)
     return false;
 }
 
+size_t options_place(const json_t *options, const char *text)
+{
+    size_t i = 0;
+    while (i < json_array_size(options) &&
+           strcmp(json_string_value(json_array_get(options, i)), text) != 0)
+        i++;
+    return i;
+}
+
 json_t *options_merge(const json_t *const *lists, int n)
 {
     json_t *merged = json_object(), *out = json_array();
@@ -355,10 +364,8 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
 /* The value of an option, or NULL. */
 static const char *value_of(const json_t *options, const char *name)
 {
-    for (size_t i = 0; i < json_array_size(options); i++)
-        if (!strcmp(json_string_value(json_array_get(options, i)), name))
-            return json_string_value(json_array_get(options, i + 1));
-    return NULL;
+    const size_t i = options_place(options, name);
+    return json_string_value(json_array_get(options, i + 1)); /* beyond the end there is none */
 }
 
 /* attack: its options. The proxy sees the photos that the attack poisons. */

@@ -344,12 +344,12 @@ static int check_shard(struct store *s, const struct plan *plan)
 
 int store_cells(struct store *s, const struct plan *plan)
 {
-    int code = check_shard(s, plan);
-    if (!code)
-        code = run(s, "BEGIN IMMEDIATE");
+    int code = run(s, "BEGIN IMMEDIATE");
     if (code)
         return code;
-    code = put(s, "DELETE FROM cell WHERE plan=?", "t", plan->name);
+    code = check_shard(s, plan);
+    if (!code)
+        code = put(s, "DELETE FROM cell WHERE plan=?", "t", plan->name);
     if (!code)
         code = put(s, "INSERT OR REPLACE INTO plan VALUES(?,?)", "tj", plan->name, plan->root);
     for (int i = 0; i < plan->n_cells && !code; i++) {

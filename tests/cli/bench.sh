@@ -159,18 +159,19 @@ says 'the same command continues'
 # A run whose checkpoint is damaged, or of another version, begins anew when it is repeated.
 plan stuck.json $((n * n)) ''
 sed -i 's/"photos": \["clean", "noise"\], "defenses": \["off", "half", "lg"\]/"photos": ["clean"], "defenses": ["off"]/' stuck.json
-"$tool" bench stuck.json -o stuck.db -q 2>err &
-pid=$!
-saves_begin() { ls stuck.db.work/*/run/checkpoint.bin >/dev/null 2>&1; }
-wait_until saves_begin
-interrupt $pid
+saves_begin() { ls "$stopped".db.work/*/run/checkpoint.bin >/dev/null 2>&1; }
+stop_at_checkpoint() { # NAME OPTIONS...: the plan NAME.json, whose results go to NAME.db
+    stopped=$1; shift
+    "$tool" bench "$stopped.json" -o "$stopped.db" -q "$@" 2>err &
+    pid=$!
+    wait_until saves_begin
+    interrupt $pid
+}
+stop_at_checkpoint stuck
 for checkpoint in stuck.db.work/*/run/checkpoint.bin; do echo damaged >"$checkpoint"; done
 expect 2 bench stuck.json -o stuck.db -q; says 'checkpoint.bin: found less than'
 # One that is killed has not said what its process before did.
-"$tool" bench stuck.json -o stuck.db -q --retry 2>err &
-pid=$!
-wait_until saves_begin
-interrupt $pid
+stop_at_checkpoint stuck --retry
 "$tool" bench stuck.json -o stuck.db -q --retry 2>err &
 pid=$!
 wait_until child_of $pid >child
@@ -184,11 +185,7 @@ mkdir by-link && cp -r once.db.work/*/scene/blender/* by-link 2>/dev/null
 mv by-link/train photos-elsewhere && ln -s "$PWD/photos-elsewhere" by-link/train
 plan link.json $((n * n)) ''
 sed -i 's/"synth": \[[^]]*\], "size": \[[^]]*\]/"path": "by-link", "options": ["--follow-links"]/; s/"photos": \["clean", "noise"\], "defenses": \["off", "half", "lg"\]/"photos": ["clean"], "defenses": ["off", "lg"]/' link.json
-"$tool" bench link.json -o link.db -q 2>err &
-pid=$!
-link_saves() { ls link.db.work/*/run/checkpoint.bin >/dev/null 2>&1; }
-wait_until link_saves
-interrupt $pid
+stop_at_checkpoint link
 grep -q '"interrupted": true' link.db.work/*/run/summary.json || fail "the run of a linked scene had ended: $(cat err)"
 expect 0 bench link.json -o link.db -q
 
