@@ -326,7 +326,7 @@ done:
 
 size_t sg_scene_photo(const struct sg_scene *scene, const struct sg_view *view)
 {
-    if (view >= scene->train && view < scene->train + scene->n_train)
+    if (scene->n_train && view >= scene->train && view < scene->train + scene->n_train)
         return (size_t) (view - scene->train);
     if (scene->format == SG_FORMAT_MEMORY)
         return SIZE_MAX;
