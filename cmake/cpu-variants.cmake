@@ -1,13 +1,22 @@
 # src/engine/cpu/kernels/*.c are compiled once per instruction set; SG_ISA names the variant inside.
 file(GLOB SG_KERNELS CONFIGURE_DEPENDS src/engine/cpu/kernels/*.c)
 
-# Transforms give the same bytes on every instruction set.
-set_source_files_properties(${PROJECT_SOURCE_DIR}/src/engine/cpu/kernels/fft.c PROPERTIES COMPILE_OPTIONS -ffp-contract=off)
+# Transforms give the same bytes on every instruction set. Clang takes a minute for each of their loops' unrolled pointers to
+# be checked; the address sanitizer looks at what these point to.
+set(SG_FFT_OPTIONS -ffp-contract=off)
+if(SG_SANITIZE MATCHES undefined AND CMAKE_C_COMPILER_ID MATCHES Clang)
+    list(APPEND SG_FFT_OPTIONS -fno-sanitize=null,alignment,pointer-overflow)
+endif()
+set_source_files_properties(${PROJECT_SOURCE_DIR}/src/engine/cpu/kernels/fft.c PROPERTIES COMPILE_OPTIONS "${SG_FFT_OPTIONS}")
+set(SG_KERNEL_LEVEL -O3)
+if(SG_SANITIZE)
+    set(SG_KERNEL_LEVEL -O2) # half the time to compile
+endif()
 
 function(sg_cpu_variant name)
     add_library(sg_kernels_${name} OBJECT ${SG_KERNELS})
     target_compile_definitions(sg_kernels_${name} PRIVATE SG_ISA=${name})
-    target_compile_options(sg_kernels_${name} PRIVATE ${ARGN} -O3 -ffp-contract=fast)
+    target_compile_options(sg_kernels_${name} PRIVATE ${ARGN} ${SG_KERNEL_LEVEL} -ffp-contract=fast)
     target_include_directories(sg_kernels_${name} PRIVATE include src)
     target_link_libraries(sg_kernels_${name} PRIVATE sg_flags)
     set_target_properties(sg_kernels_${name} PROPERTIES POSITION_INDEPENDENT_CODE ON C_VISIBILITY_PRESET hidden)

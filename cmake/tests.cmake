@@ -4,8 +4,8 @@ if(NOT CMOCKA_FOUND)
     message(FATAL_ERROR "The tests need cmocka, which is missing; -DBUILD_TESTING=OFF leaves them out")
 endif()
 # Labels select tests for the parts of ./check: `threads` for the thread sanitizer, `package` for what is installed, `slow`
-# for what sanitizers and other compilers need not repeat, `script` for what another compiler need not repeat, `fuzz`,
-# `memory`. A new test gets `threads`, unless it is listed here: it has one thread, or those of test_trainer (test_budget).
+# for what sanitizers need not repeat, `fuzz`, `memory`. A new test gets `threads`, unless it is listed here: it has one
+# thread, or those of test_trainer (test_budget).
 set(SG_SERIAL test_alloc_failure test_budget test_checkpoint test_columns test_disk_errors test_folder test_format test_gradients
     test_image test_path test_ply test_sog)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c tests/engine/test_*.c)
@@ -17,6 +17,11 @@ if(NOT SG_HAVE_VULKAN)
     list(FILTER SG_TESTS EXCLUDE REGEX "test_devices|test_device_memory|test_device_parts|test_device_faults|test_flow")
 endif()
 add_compile_options($<$<CONFIG:Release>:-O1>) # tests take longer to compile than to run
+if(SG_SANITIZE) # compilers do not agree on macros: SG_SANITIZE_ADDRESS, SG_SANITIZE_THREAD or SG_SANITIZE_MEMORY
+    string(REGEX REPLACE ",.*" "" first "${SG_SANITIZE}")
+    string(TOUPPER ${first} first)
+    add_compile_definitions(SG_SANITIZE_${first})
+endif()
 foreach(source ${SG_TESTS})
     get_filename_component(name ${source} NAME_WE)
     add_executable(${name} ${source})
@@ -28,8 +33,13 @@ foreach(source ${SG_TESTS})
     set_tests_properties(${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)
     if(NOT name IN_LIST SG_SERIAL)
         set_tests_properties(${name} PROPERTIES LABELS threads)
+        list(APPEND threaded ${name})
     endif()
 endforeach()
+add_custom_target(thread_tests DEPENDS ${threaded})
+if(TARGET splatguard_tool)
+    add_dependencies(thread_tests splatguard_tool) # of cli_train
+endif()
 
 # The library's calls of these functions go to __wrap_NAME of the test, which has __real_NAME too.
 function(sg_wrap program)

@@ -6,11 +6,10 @@ if(TARGET splatguard_tool)
         get_filename_component(name ${script} NAME_WE)
         add_test(NAME cli_${name} COMMAND sh ${script} $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR}
             ${PROJECT_BINARY_DIR}/cli-tests/${name})
-        set_tests_properties(cli_${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900 LABELS script)
+        set_tests_properties(cli_${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)
     endforeach()
     set_tests_properties(cli_train PROPERTIES LABELS threads)
     set_tests_properties(cli_defense PROPERTIES COST 100) # the longest begins first
-    set_tests_properties(cli_convert cli_errors cli_usage PROPERTIES LABELS "") # what the tool itself does
     # The tables, links and texts of the last three are the same in every build.
     set_tests_properties(cli_end_to_end cli_killed cli_smoke cli_docs cli_tables cli_completion PROPERTIES LABELS slow)
 endif()

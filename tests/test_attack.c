@@ -279,15 +279,13 @@ static size_t advance(struct fixture *f, sg_attack *a, int steps)
 #define SHORT SG_ATTACK_DEFAULTS, .iterations = 200, .densification_interval = 20
 
 /* Of attacks that count hits: the memory sanitizer does not follow the masked loads of AVX-512. */
-#define COUNTS .cpu = NULL
-#ifdef __has_feature
-#if __has_feature(memory_sanitizer)
-#undef COUNTS
+#ifdef SG_SANITIZE_MEMORY
 #define COUNTS .cpu = "avx2"
-#endif
+#else
+#define COUNTS .cpu = NULL
 #endif
 
-#ifdef __SANITIZE_THREAD__ /* one takes half a minute, and the threads of each are the same */
+#ifdef SG_SANITIZE_THREAD /* one takes half a minute, and the threads of each are the same */
 #define FIRST_FORM SG_ATTACK_TV_ISO
 #else
 #define FIRST_FORM SG_ATTACK_TV_VERTICAL2

@@ -554,7 +554,7 @@ static int encode_without_memory(enum sg_picture_format format)
 static void encoders_without_memory(void **state)
 {
     (void) state;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#if defined(SG_SANITIZE_ADDRESS) || defined(SG_SANITIZE_THREAD)
     skip(); /* sanitizers need memory of their own */
 #endif
     for (int format = SG_PICTURE_PNG; format <= SG_PICTURE_JPEG; format++) {

@@ -170,7 +170,7 @@ static int write_sog(sg_ctx *ctx)
     return code;
 }
 
-#ifdef __SANITIZE_THREAD__ /* nothing can race in one thread */
+#ifdef SG_SANITIZE_THREAD /* nothing can race in one thread */
 #define FEWEST 3
 #else
 #define FEWEST 1

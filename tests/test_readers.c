@@ -278,7 +278,7 @@ static void huge_sparse_files(void **state)
             remove(at(f, all[k]));
     }
     assert_true(sg_mem_peak(f->ctx, SG_MEM_TAGS) < 8 << 20);
-#ifndef __SANITIZE_ADDRESS__
+#ifndef SG_SANITIZE_ADDRESS
     struct rusage use;
     getrusage(RUSAGE_SELF, &use);
     assert_true(use.ru_maxrss < 50 << 10); /* kilobytes */

@@ -177,7 +177,7 @@ done
 expect 0 report keys.db -o hostile -q
 
 # The figures, in a browser, against the database.
-browser=$(command -v chromium || command -v google-chrome) || { echo "figures not looked at: no Chromium"; exit 0; }
+browser=$(browser) || { echo "figures not looked at: no Chromium, or sanitizers"; exit 0; }
 dom "$browser" page/report.html >dom.html
 grep -o 'class="mark" data-value="[^"]*"' dom.html | sed 's/.*="\([^"]*\)"/\1/' | sort -g >drawn
 {
@@ -196,7 +196,7 @@ grep -o 'class="mark" data-value="[^"]*"' dom.html | sed 's/.*="\([^"]*\)"/\1/' 
 sort -g means >expected
 [ "$(ask "select count(*) from spectrum where kind='angular' and bin=18")" -eq 8 ] || fail "not all models have spectra"
 [ "$(grep -c '<img src="data:image/png;base64,' dom.html)" -ge 1 ] || fail "the page has no crops"
-command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/page_look.py" "file://$work/page/report.html" || fail "the look"; }
+page_look page/report.html
 paste drawn expected | awk 'NF != 2 || ($1 - $2) ^ 2 > (1e-4 * $2) ^ 2 { bad = 1; print } END { exit bad }' ||
     fail "the figures have other values than the database"
 
@@ -209,7 +209,7 @@ expect 0 report many.db -o many -q
 cp r.db wide.db
 sqlite3 wide.db "update cell set defense='a-defense-with-a-long-name' where defense='lg'; update curve set iteration=1000 * iteration"
 expect 0 report wide.db -o wide -q
-command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/page_look.py" "file://$work/wide/report.html" || fail "the look of long names"; }
+page_look wide/report.html
 dom "$browser" many/report.html >many.html
 command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/report_choose.py" "file://$work/many/report.html" || fail "the choice"; }
 figure() { tr -d '\n' <many.html | grep -o "<figure id=\"$1\".*" | sed 's/<\/figure>.*//'; }

@@ -144,9 +144,9 @@ interrupt $!
 [ ! -e stopped ] || fail "an interrupted report left $(ls -A stopped)"
 
 # The figure, in a browser.
-browser=$(command -v chromium || command -v google-chrome) || { echo "figure not looked at: no Chromium"; exit 0; }
+browser=$(browser) || { echo "figure not looked at: no Chromium, or sanitizers"; exit 0; }
 dom "$browser" page/report.html >dom.html
 grep -o '<figure id="roc">.*' dom.html | sed 's/<\/figure>.*//' >figure.html
 [ "$(grep -o 'class="mark" data-value' figure.html | wc -l)" -eq 2 ] || fail "not two marks of the audit's thresholds: $(cat figure.html)"
 grep -q '<title>noise: 40 % of 5 called poisoned or suspicious, 17 % of 6 clean ones; AUC ' figure.html || fail "the marks say something else: $(cat figure.html)"
-python3 "$source_dir/tests/cli/page_look.py" "file://$work/page/report.html" || fail "the look"
+page_look page/report.html

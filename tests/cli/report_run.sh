@@ -24,8 +24,8 @@ if command -v python3 >/dev/null; then
     grep -q "test views<td>$(printf %.2f "$(json '["psnr"]')") dB" $page || fail "another PSNR"
     grep -q "<th scope=row>Gaussians<td>$(json '["max_gaussians"]')<td>400<td>" $page || fail "no budget of Gaussians"
     grep -q '<th scope=row>memory<td>.*<td>1074 MB' $page || fail "no budget of memory"
-    python3 "$source_dir/tests/cli/page_look.py" "file://$work/$page" || fail "the look"
 fi
+page_look $page
 [ "$(grep -c '<svg role=img' $page)" -eq 5 ] || fail "not five curves"
 if command -v python3 >/dev/null; then # heights of the curve of the memory are those of the log
     python3 - "$name" $page <<'END' || fail "the memory over the iterations"
@@ -78,9 +78,7 @@ echo mine >mine.html
 expect 2 compare "$name" --html mine.html
 grep -q mine mine.html || fail "another's file is gone"
 expect 1 compare "$name" --html x.html --csv; says 'exclude each other'
-if command -v python3 >/dev/null; then
-    python3 "$source_dir/tests/cli/page_look.py" "file://$work/both.html" || fail "the look of a comparison"
-fi
+page_look both.html
 
 # Ctrl-C leaves nothing.
 if [ -z "${SG_TEST_ENGINE-}" ]; then # which is slower to see it
