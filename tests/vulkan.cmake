@@ -56,14 +56,14 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
             target_link_options(${name}_sanitized PRIVATE ${sanitizers})
         endforeach()
     endif()
-    # Where Mesa keeps the kernels that it has compiled, whoever runs the tests. What drivers free is used again soon, which
-    # saves a fifth of the time under the address sanitizer.
-    set(kernels ${PROJECT_BINARY_DIR}/vulkan-kernels)
+    # The driver, and where Mesa keeps the kernels that it has compiled, whoever runs the tests.
+    set(driver "MESA_SHADER_CACHE_DIR=${PROJECT_BINARY_DIR}/vulkan-kernels;VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
+    # What drivers free is used again soon: that saves a fifth of the time.
     set(asan detect_leaks=0:allocator_release_to_os_interval_ms=-1:quarantine_size_mb=16)
     function(sg_vulkan_test name program width)
         add_test(NAME vulkan_${name}_${width} COMMAND ${program} ${ARGN})
         set_tests_properties(vulkan_${name}_${width} PROPERTIES LABELS vulkan TIMEOUT 900
-            ENVIRONMENT "ASAN_OPTIONS=${asan};SG_TEST_ENGINE=vulkan:llvmpipe;LP_NATIVE_VECTOR_WIDTH=${width};MESA_SHADER_CACHE_DIR=${kernels};VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd};VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation;VK_LAYER_SETTINGS_PATH=${PROJECT_SOURCE_DIR}/tests/vulkan"
+            ENVIRONMENT "ASAN_OPTIONS=${asan};SG_TEST_ENGINE=vulkan:llvmpipe;LP_NATIVE_VECTOR_WIDTH=${width};${driver};VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation;VK_LAYER_SETTINGS_PATH=${PROJECT_SOURCE_DIR}/tests/vulkan"
             FAIL_REGULAR_EXPRESSION "Validation (Error|Warning|Performance);VUID-;UNASSIGNED-;SYNC-HAZARD;FAILED")
     endfunction()
     # Trained models and the results of all operations have the same bytes at each width and with any number of the driver's
@@ -149,7 +149,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
         add_test(NAME vulkan_script_${name} COMMAND sh ${ARGN} ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh
             $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
         set_tests_properties(vulkan_script_${name} PROPERTIES LABELS vulkan SKIP_RETURN_CODE 77 TIMEOUT 900
-            ENVIRONMENT "SG_TEST_ENGINE=vulkan:llvmpipe;MESA_SHADER_CACHE_DIR=${kernels};VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
+            ENVIRONMENT "SG_TEST_ENGINE=vulkan:llvmpipe;${driver}")
     endfunction()
     if(TARGET splatguard_tool)
         # What the tool does alike with any engine takes long on a driver for the CPU: only other devices run these too.
@@ -170,11 +170,11 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     endif()
     add_test(NAME vulkan_stages COMMAND sh ${CMAKE_CURRENT_SOURCE_DIR}/tests/bench/stages.sh $<TARGET_FILE:splatguard_bench>
         vulkan:llvmpipe ${PROJECT_BINARY_DIR}/bench-tests/vulkan)
-    set_tests_properties(vulkan_stages PROPERTIES LABELS vulkan ENVIRONMENT "MESA_SHADER_CACHE_DIR=${kernels};VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
+    set_tests_properties(vulkan_stages PROPERTIES LABELS vulkan ENVIRONMENT "${driver}")
     if(TARGET splatguard_tool)
         add_test(NAME vulkan_gpu_dry_run COMMAND sh ${CMAKE_CURRENT_SOURCE_DIR}/tests/bench/gpu.sh ${PROJECT_SOURCE_DIR}
             ${PROJECT_BINARY_DIR} llvmpipe ${PROJECT_BINARY_DIR}/bench-tests/gpu)
-        set_tests_properties(vulkan_gpu_dry_run PROPERTIES LABELS vulkan ENVIRONMENT "MESA_SHADER_CACHE_DIR=${kernels};VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
+        set_tests_properties(vulkan_gpu_dry_run PROPERTIES LABELS vulkan ENVIRONMENT "${driver}")
     endif()
     # Mesa's driver for AMD compiles every kernel for GPUs that are not there: none spills registers.
     file(GLOB SG_RADV /usr/share/vulkan/icd.d/radeon_icd.*.json /usr/local/share/vulkan/icd.d/radeon_icd.*.json)

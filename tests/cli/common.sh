@@ -45,10 +45,10 @@ says() { grep -qF -- "$1" err || fail "stderr does not say: $1"; }
 # The name of a browser. None for a tool with sanitizers: they see nothing of what a browser makes of a file.
 browser() { ! sanitized && { command -v chromium || command -v google-chrome; }; }
 
-# page_look PAGE: how a page in the test's folder looks, where there is a browser.
+# page_look PAGE: how a page in the test's folder looks, where there are Python and a browser.
 page_look() {
-    { browser && command -v python3; } >/dev/null || return 0
-    python3 "$source_dir/tests/cli/page_look.py" "file://$work/$1" || fail "the look of $1"
+    sanitized || ! command -v python3 >/dev/null || python3 "$source_dir/tests/cli/page_look.py" "file://$work/$1" ||
+        fail "the look of $1"
 }
 
 # dom BROWSER PAGE: what it makes of a page in the test's folder.
