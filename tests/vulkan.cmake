@@ -153,7 +153,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     endfunction()
     if(TARGET splatguard_tool)
         # What the tool does alike with any engine takes long on a driver for the CPU: only other devices run these too.
-        list(REMOVE_ITEM device_scripts archive audit bench convert end_to_end errors exit_status flight models photos race report
+        list(REMOVE_ITEM device_scripts archive audit bench convert end_to_end errors exit_status flight killed models photos race report
             report_audit report_run smoke smooth)
         foreach(name ${device_scripts})
             if(name STREQUAL outputs)

@@ -16,7 +16,7 @@ child_of() { # PID: the process that it has started
     grep -l "^PPid:[[:space:]]*$1\$" /proc/[0-9]*/status 2>/dev/null | sed 's,/proc/,,; s,/status,,' | grep .
 }
 n=60
-[ -z "${SG_TEST_ENGINE-}" ] || n=20
+if [ -n "${SG_TEST_ENGINE-}" ] || sanitized; then n=20; fi
 plan plan.json $n ''
 if "$tool" bench plan.json -o scene/none.db 2>&1 | grep -q 'no SQLite' || ! command -v sqlite3 >/dev/null; then
     echo "skipped: no SQLite"
