@@ -193,8 +193,13 @@ static void vary(struct sg_train_params *p, enum variant variant)
         p->defense.rho = 0;
 }
 
+static void count_fallbacks(void *priv, enum sg_log_level level, const char *message)
+{
+    *(int *) priv += level == SG_LOG_WARN && strstr(message, "as with --at-limit stop");
+}
+
 /* The universal threshold lets the model exceed its limit where memory has room for twice as many,
- * and otherwise keeps it; either way the limit is the one that was asked for. */
+ * and otherwise keeps it, and warns; either way the limit is the one that was asked for. */
 static void test_universal(void **state)
 {
     (void) state;
@@ -210,12 +215,16 @@ static void test_universal(void **state)
         sg_ctx *ctx;
         sg_trainer *t;
         size_t most = 0;
+        int fallbacks = 0;
         p.at_limit = k ? SG_AT_LIMIT_UNIVERSAL : SG_AT_LIMIT_STOP;
         p.max_gaussians = k == 1 ? room / 4 * 3 : k == 2 ? room / 4 : 0;
-        assert_int_equal(
-            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 15 << 20}),
-            SG_OK);
+        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1,
+                                                                     .max_memory = 15 << 20,
+                                                                     .log = count_fallbacks,
+                                                                     .log_priv = &fallbacks}),
+                         SG_OK);
         assert_int_equal(sg_trainer_create(ctx, &f.scene, f.start, &p, &t), SG_OK);
+        assert_int_equal(fallbacks, k == 1);
         for (int it = 0; it < p.iterations; it++) {
             struct sg_train_step s;
             assert_int_equal(sg_trainer_step(t, &s), SG_OK);

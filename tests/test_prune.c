@@ -557,6 +557,26 @@ static void limits_are_met(void **state)
     clear_fixture(&f);
 }
 
+/* The universal threshold gates growth alone: what is there at first stays. */
+static void universal_keeps_the_first_model(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    const size_t first = f.start->count;
+    f.scene.train = f.views;
+    for (int stops = 0; stops < 2; stops++) {
+        struct sg_train_step s;
+        p.max_gaussians = first * 2 / 3;
+        p.at_limit = stops ? SG_AT_LIMIT_STOP : SG_AT_LIMIT_UNIVERSAL;
+        sg_trainer *t = begin_training(&f, &p);
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_int_equal(s.gaussians, stops ? p.max_gaussians : first);
+        sg_trainer_destroy(&t);
+    }
+    clear_fixture(&f);
+}
+
 /* Of the first three, which are as large as the view. */
 static size_t large_of(sg_trainer *t)
 {
@@ -672,6 +692,7 @@ int main(void)
         cmocka_unit_test(training_removes_twice),
         cmocka_unit_test(a_long_step_removes),
         cmocka_unit_test(limits_are_met),
+        cmocka_unit_test(universal_keeps_the_first_model),
         cmocka_unit_test(universal_threshold_is_the_released_one),
         cmocka_unit_test(scores_do_not_depend_on_threads),
         cmocka_unit_test(bad_parameters_are_refused),

@@ -145,6 +145,9 @@ const char *sg_run_option_unused(const struct sg_run_params *p, const struct sg_
         return "found without effect, expected --exposure with it";
     if (!is_limited(p) && !strcmp(o->name, "at-limit"))
         return "found without effect, expected --max-gaussians or another limit with it";
+    if (p->train.at_limit == SG_AT_LIMIT_UNIVERSAL && !p->train.max_gaussians &&
+        !strcmp(o->name, "at-limit"))
+        return "found universal, expected --max-gaussians with it";
     return unused_defense(p, o);
 }
 

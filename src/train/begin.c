@@ -87,7 +87,7 @@ static int reduced_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t count, i
 size_t sg_trainer_fit_count(sg_trainer *t, size_t n)
 {
     const size_t each = sg_engine_each(t->engine), limit = t->budget.gaussians / each,
-                 most = limit * (t->budget.overshoots ? 2 : 1);
+                 most = sg_budget_most(&t->budget) / each;
     if (!t->budget.gaussians || n <= most)
         return n;
     if (t->budget.by_memory && (double) n <= (1 + UNCERTAIN) * (double) limit) {
@@ -113,7 +113,7 @@ static int check_kind(const sg_trainer *t, const struct sg_model *m)
 int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
 {
     const size_t each = sg_engine_each(t->engine);
-    const uint64_t limit = t->budget.gaussians;
+    const uint64_t limit = sg_budget_most(&t->budget); /* which only growth must begin below */
     struct sg_model *made = NULL;
     if (initial && t->params.random_points)
         return sg_fail(t->ctx, SG_ERR_USAGE,

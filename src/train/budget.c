@@ -97,16 +97,18 @@ static uint64_t smoothed_bytes(const struct sg_scene *scene, const struct sg_tra
 }
 
 /* Memory has room for so many Gaussians. */
-static void lower(struct sg_budget *limits, uint64_t gaussians)
+static void lower(sg_ctx *ctx, struct sg_budget *limits, uint64_t gaussians)
 {
-    limits->overshoots &= gaussians / 2 >= limits->gaussians;
+    if (limits->overshoots && gaussians / 2 < limits->gaussians) {
+        sg_log(
+            ctx, SG_LOG_WARN,
+            "memory has room for %llu Gaussians, expected twice --max-gaussians, %llu, which the "
+            "universal threshold can reach: growth stops as with --at-limit stop",
+            (unsigned long long) gaussians, 2 * (unsigned long long) limits->gaussians);
+        limits->overshoots = false;
+    }
     if (!limits->gaussians || gaussians < limits->gaussians)
         limits->by_memory = true, limits->gaussians = gaussians;
-}
-
-static uint64_t most_reached(const struct sg_budget *limits)
-{
-    return limits->gaussians * (limits->overshoots ? 2 : 1);
 }
 
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
@@ -146,8 +148,8 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                    wanted = most && most < room / each ? most * each : room;
     const uint64_t free = room - divide(&photos, room, least, wanted, out);
     const uint64_t fit = free / each;
-    lower(out, fit);
-    const uint64_t left = free - most_reached(out) * (each - LISTED * need.instance);
+    lower(ctx, out, fit);
+    const uint64_t left = free - sg_budget_most(out) * (each - LISTED * need.instance);
     const uint64_t lists = need.instance ? left / need.instance : p->max_instances;
     out->instances = lists < p->max_instances ? lists : p->max_instances;
     sg_log(
@@ -230,11 +232,11 @@ int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
             scene->path, (unsigned long long) whole,
             (unsigned long long) ((fixed + least) / 5 * 6 + 6), (unsigned long long) photos,
             (unsigned long long) v.buffers, LEAST, (unsigned long long) least);
-    lower(limits, (limit - fixed) / each);
-    lower(limits, need.most);
-    uint64_t lists = (limit - fixed - most_reached(limits) * need.gaussian) / need.instance;
+    lower(ctx, limits, (limit - fixed) / each);
+    lower(ctx, limits, need.most);
+    uint64_t lists = (limit - fixed - sg_budget_most(limits) * need.gaussian) / need.instance;
     if (largest && need.largest) {
-        lower(limits, largest / need.largest);
+        lower(ctx, limits, largest / need.largest);
         lists = lists < largest / need.instance ? lists : largest / need.instance;
     }
     limits->instances = lists < limits->instances ? lists : limits->instances;

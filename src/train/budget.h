@@ -17,6 +17,12 @@ struct sg_budget {
     bool read_ahead;    /* if not: there is room for one that is read before it is used */
 };
 
+/* The most Gaussians that growth can reach; 0 = no limit. */
+static inline uint64_t sg_budget_most(const struct sg_budget *limits)
+{
+    return limits->gaussians * (limits->overshoots ? 2 : 1);
+}
+
 /* Of a run on this scene. leaving: bytes in use that will be free before the first step;
  * accumulate: gradients add up over views. Where photos can be read again, at least half of the
  * memory that both can have is for Gaussians, as far as max_gaussians needs it. SG_ERR_BUDGET with

@@ -44,6 +44,7 @@ for option in sh-degree percent-dense position-lr-init; do
 done
 expect 1 train scene/blender -o none --exposure-lr-init 0.1; says '--exposure-lr-init: found without effect, expected --exposure'
 expect 1 train scene/blender -o none --at-limit stop; says '--at-limit: found without effect, expected --max-gaussians'
+expect 1 train scene/blender -o none --at-limit universal --max-memory 1G; says '--at-limit: found universal, expected --max-gaussians with it'
 expect 1 train scene/blender -o none --strategy mcmc --cap-max 900 --percent-dense 0.1; says '--percent-dense: found without effect'
 expect 1 train scene/blender -o none --mip-kernel 0.2; says 'expected --model mip'
 expect 1 train scene/blender -o none --cap-max 90; says 'expected --strategy mcmc'
