@@ -577,6 +577,27 @@ static void universal_keeps_the_first_model(void **state)
     clear_fixture(&f);
 }
 
+/* Nothing could learn from such photos. */
+static void masks_that_leave_nothing_are_refused(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_prune_params p = params_of(SG_PRUNER_LIGHTGAUSSIAN);
+    uint8_t unused[SIDE * SIDE] = {0};
+    struct sg_model *left;
+    f.scene.train = f.views;
+    for (int v = 0; v < VIEWS; v++)
+        f.views[v].mask = unused;
+    for (p.finetune = 5; p.finetune >= 0; p.finetune -= 5) {
+        const int code = sg_prune(f.ctx, &f.scene, f.start, &p, &left, NULL);
+        assert_int_equal(code, p.finetune ? SG_ERR_INPUT : SG_OK);
+        if (code)
+            assert_non_null(strstr(sg_last_error(f.ctx), "masks leave nothing"));
+        sg_model_destroy(&left);
+    }
+    clear_fixture(&f);
+}
+
 /* Of the first three, which are as large as the view. */
 static size_t large_of(sg_trainer *t)
 {
@@ -693,6 +714,7 @@ int main(void)
         cmocka_unit_test(a_long_step_removes),
         cmocka_unit_test(limits_are_met),
         cmocka_unit_test(universal_keeps_the_first_model),
+        cmocka_unit_test(masks_that_leave_nothing_are_refused),
         cmocka_unit_test(universal_threshold_is_the_released_one),
         cmocka_unit_test(scores_do_not_depend_on_threads),
         cmocka_unit_test(bad_parameters_are_refused),

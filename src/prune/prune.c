@@ -10,6 +10,7 @@
 #include "model/anchors.h"
 #include "option/option.h"
 #include "scene/cameras.h"
+#include "scene/used.h"
 #include "score.h"
 
 struct sg_prune_params sg_prune_params_default(void)
@@ -36,6 +37,10 @@ static int check(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_mode
         code = sg_check_cameras(ctx, scene);
     if (!code && !scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one",
+                       scene->path);
+    if (!code && p->finetune && !sg_views_used(scene->train, scene->n_train))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no training view with a used pixel: masks leave nothing",
                        scene->path);
     if (!code && !m->count)
         return sg_fail(ctx, SG_ERR_INPUT, "model: found no Gaussian, expected at least one");
