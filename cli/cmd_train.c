@@ -79,6 +79,9 @@ static void warn_idle(const struct train_config *c, const bool *given)
     if ((scaffold || mcmc) && options_given(t, given, T(run.train.opacity_reset_interval)))
         warn_unused("opacity-reset-interval",
                     scaffold ? "with --model scaffold" : "with --strategy mcmc");
+    if (mcmc && !p->defense.on && p->tolerance <= 0 && p->tolerance != SG_TOLERANCE_AUTO &&
+        options_given(t, given, T(run.train.densify_until_iter)))
+        warn_unused("densify-until-iter", "with --strategy mcmc, which has --mcmc-until");
 }
 
 static int check_options(const struct train_config *c, const bool *given)

@@ -27,6 +27,8 @@ expect 1 trian; says 'unknown command "trian"; did you mean train?'
 expect 1 help evl; says 'did you mean eval?'
 expect 1 rend; says 'did you mean render?'
 expect 2 train nowhere -o none --eval-every 5; says 'warning: --eval-every has no effect without --eval'
+expect 2 train nowhere -o none --strategy mcmc --cap-max 90 --densify-until-iter 5
+says 'warning: --densify-until-iter has no effect with --strategy mcmc, which has --mcmc-until'
 expect 2 train nowhere -o none --sh-interval 5 --opacity-reset-interval 5 --model scaffold
 says 'warning: --sh-interval has no effect with --model scaffold'
 says 'warning: --opacity-reset-interval has no effect with --model scaffold'
