@@ -43,9 +43,8 @@ struct group {
     struct result *last;
     int cells, runs; /* asked for, done */
     double mean[M_METRICS], deviation[M_METRICS];
-    bool has_common;          /* there are seeds that every group of the scene has */
-    double common[M_METRICS]; /* means over these seeds; where there are none, over its own */
-    const char *why;          /* a status other than done, or NULL */
+    int common;      /* runs with seeds that every group of the scene has */
+    const char *why; /* a status other than done, or NULL */
 };
 
 /* A run as the paper prints it; 0: not printed. */
@@ -137,10 +136,12 @@ struct spread {
     double mean, deviation; /* NAN: of none, of one */
 };
 /* A metric of those of a group that are done in another group too, there and as a share of it. */
-struct spread report_pairs(const struct report *r, const struct group *of, const struct group *to,
-                           enum report_metric m);
-struct spread report_shares(const struct report *r, const struct group *of, const struct group *to,
-                            enum report_metric m);
+struct spread report_pairs(const struct group *of, const struct group *to, enum report_metric m);
+struct spread report_shares(const struct group *of, const struct group *to, enum report_metric m);
+/* Of a group's runs with the seeds that all runs of the scene have; of all where there are none. */
+struct spread report_common(const struct group *of, enum report_metric m);
+struct spread report_common_shares(const struct group *of, const struct group *to,
+                                   enum report_metric m);
 
 /* What the paper prints of a run, or NULL. */
 const struct paper_row *report_paper(const char *scene, const char *photos, const char *defense,

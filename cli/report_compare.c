@@ -32,17 +32,17 @@ static void put_paper_row(FILE *f, const struct report *r, enum format format,
     begin_row(f, format, name);
     snprintf(name, sizeof(name), "%d", g->runs);
     put_cell(f, format, name);
-    put_spread(f, format, report_shares(r, g, clean, M_MAX_GAUSSIANS), 2);
+    put_spread(f, format, report_shares(g, clean, M_MAX_GAUSSIANS), 2);
     put_number(f, format, report_paper_growth(p), NAN, 2);
-    put_spread(f, format, report_shares(r, g, off, M_MAX_GAUSSIANS), 2);
+    put_spread(f, format, report_shares(g, off, M_MAX_GAUSSIANS), 2);
     put_number(f, format, paper_off ? ratio(p->gaussians, paper_off->gaussians) : NAN, NAN, 2);
     put_number(f, format, g->mean[M_PSNR], g->deviation[M_PSNR], 2);
     put_number(f, format, ratio(p->psnr, 1), NAN, 2);
     put_number(f, format, g->mean[M_SSIM], g->deviation[M_SSIM], 3);
     put_number(f, format, ratio(p->ssim, 1), NAN, 2);
-    put_spread(f, format, report_shares(r, g, off, M_FPS), 2);
+    put_spread(f, format, report_shares(g, off, M_FPS), 2);
     put_number(f, format, paper_off ? ratio(p->fps, paper_off->fps) : NAN, NAN, 2);
-    put_spread(f, format, report_shares(r, g, clean, M_MEMORY), 2);
+    put_spread(f, format, report_shares(g, clean, M_MEMORY), 2);
     put_number(f, format, paper_clean ? ratio(p->megabytes, paper_clean->megabytes) : NAN, NAN, 2);
     end_row(f, format);
 }
@@ -159,10 +159,8 @@ static double value_of(const struct report *r, const struct group *like, const c
     if (!g)
         return NAN;
     if (m != M_MAX_GAUSSIANS)
-        return g->common[m];
-    return !clean          ? NAN
-           : g->has_common ? g->common[m] / clean->common[m]
-                           : report_shares(r, g, clean, m).mean;
+        return report_common(g, m).mean;
+    return report_common_shares(g, clean, m).mean;
 }
 
 /* Whether a scene of them has runs, but no seed that all of its runs have. */
@@ -170,7 +168,7 @@ static bool seeds_differ(const struct report *r, const struct scenes *scenes)
 {
     for (int i = 0; i < scenes->n; i++)
         for (size_t k = 0; k < r->n_groups; k++)
-            if (r->groups[k].runs && !r->groups[k].has_common &&
+            if (r->groups[k].runs && !r->groups[k].common &&
                 same_scene(r->groups[k].first, scenes->of[i]->first))
                 return true;
     return false;
@@ -316,7 +314,7 @@ static void put_limited(FILE *f, const struct report *r, enum format format, siz
         put_number(f, format, g->mean[M_GAUSSIANS], g->deviation[M_GAUSSIANS], 0);
         put_number(f, format, g->mean[M_PSNR], g->deviation[M_PSNR], 2);
         put_number(f, format, g->mean[M_SSIM], g->deviation[M_SSIM], 4);
-        put_spread(f, format, report_pairs(r, g, off, M_PSNR), 2);
+        put_spread(f, format, report_pairs(g, off, M_PSNR), 2);
         end_row(f, format);
     }
     end_table(f, format);

@@ -405,24 +405,11 @@ static bool is_common(const struct report *r, const struct result *x)
     return runs == groups;
 }
 
-/* Means of the runs with seeds that all have; of all runs where there is none. */
-static void find_common(struct report *r)
+static void count_common(struct report *r)
 {
-    for (size_t i = 0; i < r->n_groups; i++) {
-        struct group *g = &r->groups[i];
-        int n = 0;
-        for (int m = 0; m < M_METRICS; m++)
-            g->common[m] = 0;
-        for (const struct result *x = g->first; x; x = x->next)
-            if (x->common && !strcmp(x->status, "done")) {
-                n++;
-                for (int m = 0; m < M_METRICS; m++)
-                    g->common[m] += x->value[m];
-            }
-        g->has_common = n > 0;
-        for (int m = 0; m < M_METRICS; m++)
-            g->common[m] = n ? g->common[m] / n : g->mean[m];
-    }
+    for (size_t i = 0; i < r->n_groups; i++)
+        for (const struct result *x = r->groups[i].first; x; x = x->next)
+            r->groups[i].common += x->common && !strcmp(x->status, "done");
 }
 
 int report_group(struct report *r)
@@ -454,7 +441,7 @@ int report_group(struct report *r)
     for (size_t i = 0; i < r->n_groups; i++)
         r->by_name[i] = &r->groups[i];
     if (!interrupted()) {
-        find_common(r);
+        count_common(r);
         qsort(r->by_name, r->n_groups, sizeof(*r->by_name), by_name);
     }
     return STATUS_DONE;
@@ -472,19 +459,17 @@ const struct group *report_find(const struct report *r, const struct group *like
 }
 
 /* Of each run of a group the value of the run with its seed in another group, or its own value as a
- * share of that. */
-static struct spread pair(const struct report *r, const struct group *of, const struct group *to,
-                          enum report_metric m, bool share)
+ * share of that. common: only of the seeds that all runs of the scene have. */
+static struct spread pair(const struct group *of, const struct group *to, enum report_metric m,
+                          bool share, bool common)
 {
     double sum = 0, squares = 0;
     int n = 0;
-    for (size_t i = 0; i < r->n && of && to; i++) {
-        const struct result *a = &r->results[i];
-        if (!is_alike(a, of->first) || strcmp(a->status, "done"))
+    for (const struct result *a = of && to ? of->first : NULL; a; a = a->next) {
+        if (strcmp(a->status, "done") || (common && !a->common))
             continue;
-        for (size_t k = 0; k < r->n; k++) {
-            const struct result *b = &r->results[k];
-            if (b->seed != a->seed || !is_alike(b, to->first) || strcmp(b->status, "done"))
+        for (const struct result *b = to->first; b; b = b->next) {
+            if (b->seed != a->seed || strcmp(b->status, "done"))
                 continue;
             const double v = share ? a->value[m] / b->value[m] : b->value[m],
                          d = v - sum / (n + !n);
@@ -496,16 +481,25 @@ static struct spread pair(const struct report *r, const struct group *of, const 
     return (struct spread){n ? sum / n : NAN, n > 1 ? sqrt(squares / (n - 1)) : NAN};
 }
 
-struct spread report_pairs(const struct report *r, const struct group *of, const struct group *to,
-                           enum report_metric m)
+struct spread report_pairs(const struct group *of, const struct group *to, enum report_metric m)
 {
-    return pair(r, of, to, m, false);
+    return pair(of, to, m, false, false);
 }
 
-struct spread report_shares(const struct report *r, const struct group *of, const struct group *to,
-                            enum report_metric m)
+struct spread report_shares(const struct group *of, const struct group *to, enum report_metric m)
 {
-    return pair(r, of, to, m, true);
+    return pair(of, to, m, true, false);
+}
+
+struct spread report_common(const struct group *of, enum report_metric m)
+{
+    return pair(of, of, m, false, of->common > 0);
+}
+
+struct spread report_common_shares(const struct group *of, const struct group *to,
+                                   enum report_metric m)
+{
+    return pair(of, to, m, true, of->common > 0);
 }
 
 void report_clear(struct report *r)

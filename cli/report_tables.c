@@ -109,7 +109,7 @@ static void put_defenses(FILE *f, const struct report *r, enum format format, si
         put_cell(f, format, n);
         if (g->runs) {
             put_number(f, format, g->mean[M_MAX_GAUSSIANS], g->deviation[M_MAX_GAUSSIANS], 0);
-            const struct spread of = report_shares(r, g, clean, M_MAX_GAUSSIANS);
+            const struct spread of = report_shares(g, clean, M_MAX_GAUSSIANS);
             put_number(f, format, of.mean, of.deviation, 2);
             for (int m = M_GAUSSIANS; m <= M_MEMORY; m++)
                 put_number(f, format, g->mean[m], g->deviation[m], metric_columns[m].digits);

@@ -30,6 +30,11 @@ ratio=$(ask "select printf('%.2f', avg(1.0 * a.value / b.value)) from metric a j
     join cell d on d.key=b.key and d.seed=c.seed where a.name='max_gaussians' and c.photos='noise' and c.defense='off' and d.photos='clean' and d.defense='off'")
 grep -q "^| off | 2 | [0-9]* ± [0-9]* | $ratio ± " page/report.md || fail "not $ratio of the clean runs: $(cat page/report.md)"
 grep -qF '| off | 1.00 | '"$ratio"' |' page/report.md || fail "no photos side by side: $(cat page/report.md)"
+cp r.db ratios.db
+sqlite3 ratios.db "update metric set value=(select case when seed=2 then 1000 when photos='clean' then 100 else 300 end from cell c where c.key=metric.key)
+    where name='max_gaussians' and key in (select key from cell where defense='off')"
+expect 0 report ratios.db -o ratios -q
+grep -qF '| off | 1.00 | 2.00 |' ratios/report.md || fail "side by side a ratio is not the mean of those of single seeds: $(cat ratios/report.md)"
 for row in 'bad | --defense spectral --band-low 0.9 --band-high 0.5' 'lg | prune off: --finetune 5' 's | --width 48 --height 36 --train-views 4 --test-views 2 --points 100 --samples 1'; do
     grep -qF "| $row |" page/report.md || fail "the page lacks the plan's $row"
 done
