@@ -16,6 +16,7 @@ enum report_metric {
     M_SECONDS,
     M_MEMORY,
     M_RSS,
+    M_THREADS,
     M_METRICS
 };
 extern const struct metric_column {

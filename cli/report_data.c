@@ -16,6 +16,7 @@ const struct metric_column metric_columns[M_METRICS] = {
     [M_SECONDS] = {"train_seconds", "train_seconds", NULL, 1, 1},
     [M_MEMORY] = {"ledger_megabytes", "peak_ledger_bytes", NULL, 1e-6, 0},
     [M_RSS] = {"rss_megabytes", "peak_rss_bytes", NULL, 1e-6, 0},
+    [M_THREADS] = {"threads", "threads", NULL, 1, 0},
 };
 
 char *report_copy(const char *text)

@@ -248,8 +248,29 @@ static void put_each(FILE *f, const struct report *r, enum format format, const 
     }
 }
 
+/* Whether all that is done ran on one machine, with one version and number of threads. Prunings do
+ * not say their threads. */
+static bool times_agree(const struct report *r)
+{
+    const struct result *first = NULL;
+    double threads = NAN;
+    for (size_t i = 0; i < r->n; i++) {
+        const struct result *x = &r->results[i];
+        const double n = x->value[M_THREADS];
+        if (strcmp(x->status, "done"))
+            continue;
+        first = first ? first : x;
+        threads = isnan(threads) ? n : threads;
+        if (strcmp(x->machine, first->machine) || strcmp(x->commit, first->commit) || n < threads ||
+            n > threads)
+            return false;
+    }
+    return true;
+}
+
 static void put_about(FILE *f, const struct report *r, enum format format)
 {
+    const bool agree = times_agree(r);
     size_t done = 0, beside = 0;
     for (size_t i = 0; i < r->n; i++)
         if (!strcmp(r->results[i].status, "done"))
@@ -259,18 +280,23 @@ static void put_about(FILE *f, const struct report *r, enum format format)
         put_each(f, r, format, ": commits ", false);
         put_each(f, r, format, ", on ", true);
     }
-    fprintf(f,
-            ".%sn: seeds of the training, after \u00b1 the standard deviation over them; proxies "
-            "and poisons have one seed. PSNR and SSIM are means over the test views of the clean "
-            "scene. Ratios are to runs with the same seed. Memory is what the library holds.%s%s",
-            format == HTML ? " " : "\n",
-            !done ? ""
-            : beside
-                ? " Times and frames per second of runs that shared the machine are not "
-                  "comparable."
-                : " One of these runs ran at a time: times can be compared if nothing else used "
-                  "the machine.",
-            format == HTML ? "</p>\n" : "\n");
+    fprintf(
+        f,
+        ".%sn: seeds of the training, after \u00b1 the standard deviation over them; proxies "
+        "and poisons have one seed. PSNR and SSIM are means over the test views of the clean "
+        "scene. Ratios are to runs with the same seed. Memory is what the library holds.%s%s%s%s",
+        format == HTML ? " " : "\n",
+        beside ? " Times and frames per second of runs that shared the machine are not "
+                 "comparable."
+               : "",
+        agree ? ""
+              : " Times and frames per second of runs with different machines, commits or "
+                "numbers of threads are not comparable.",
+        done && !beside && agree
+            ? " One of these runs ran at a time: times can be compared if nothing else used "
+              "the machine."
+            : "",
+        format == HTML ? "</p>\n" : "\n");
 }
 
 void put_tables(FILE *f, const struct report *r, enum format format)

@@ -49,6 +49,19 @@ grep -q '^| poison | failed | no luck | splatguard attack' other/report.md || fa
 grep -q '^| lego, eps16, off | 2 | .* | 2.35 | 1.00 ± 0.00 | 1.00 | ' other/report.md || fail "not next to the paper: $(cat other/report.md)"
 grep -q '"paper":{"psnr":null,"growth":2.348' other/report.html || fail "no diamond"
 
+# Times of runs that had the machine to themselves can be compared, unless they differ in what they ran on.
+cp r.db times.db
+sqlite3 times.db "update job set alone=1"
+expect 0 report times.db -o times -q
+grep -q 'times can be compared' times/report.md || fail "no word about times: $(head -4 times/report.md)"
+one="key=(select min(c.key) from cell c join metric using(key) where name='threads')"
+for change in "job set machine='another' where $one" "job set commit_id='another' where $one" "metric set value=2 where name='threads' and $one"; do
+    cp times.db differ.db && sqlite3 differ.db "update $change"
+    expect 0 report differ.db -o times -q
+    grep -q 'different machines, commits or numbers of threads are not comparable' times/report.md || fail "times are comparable after $change"
+    grep -q 'times can be compared' times/report.md && fail "times can be compared after $change"
+done
+
 # Photos side by side are of the same seeds: here of the first, since a defense lacks the second.
 cp r.db seeds.db
 sqlite3 seeds.db "delete from job where key in (select key from cell where defense='lg' and photos='noise' and seed=2); update job set status='failed', message='no pictures' where kind='pictures'"
