@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Tables of a report that compare: with the paper, photos side by side, at equal count. */
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -151,36 +152,65 @@ static void select_scenes(const struct report *r, const struct scenes *scenes, c
             out->of[out->n++] = scenes->of[i];
 }
 
-static double value_of(const struct report *r, const struct group *like, const char *photos,
-                       const char *defense, enum report_metric m)
+static struct spread value_of(const struct report *r, const struct group *like, const char *photos,
+                              const char *defense, enum report_metric m)
 {
     const struct group *g = report_find(r, like, photos, defense),
                        *clean = report_find(r, like, CLEAN, OFF);
-    if (!g)
-        return NAN;
-    if (m != M_MAX_GAUSSIANS)
-        return report_common(g, m).mean;
-    return report_common_shares(g, clean, m).mean;
+    return m == M_MAX_GAUSSIANS ? report_common_shares(g, clean, m) : report_common(g, m);
 }
 
-/* Whether a scene of them has runs, but no seed that all of its runs have. */
-static bool seeds_differ(const struct report *r, const struct scenes *scenes)
+/* Seeds that a table's means are over: those that all runs of a scene have, the fewest and the most
+ * of its scenes, and those that were asked for. */
+struct seeds {
+    int least, most, all;
+    bool differ; /* a scene has runs, but no seed that all of its runs have */
+};
+
+static struct seeds count_seeds(const struct report *r, const struct scenes *scenes)
 {
-    for (int i = 0; i < scenes->n; i++)
-        for (size_t k = 0; k < r->n_groups; k++)
-            if (r->groups[k].runs && !r->groups[k].common &&
-                same_scene(r->groups[k].first, scenes->of[i]->first))
-                return true;
-    return false;
+    struct seeds n = {.least = INT_MAX};
+    for (int i = 0; i < scenes->n; i++) {
+        int common = INT_MAX;
+        for (size_t k = 0; k < r->n_groups; k++) {
+            const struct group *g = &r->groups[k];
+            if (!same_scene(g->first, scenes->of[i]->first))
+                continue;
+            n.all = g->cells > n.all ? g->cells : n.all;
+            n.differ |= g->runs && !g->common;
+            if (g->runs && g->common < common)
+                common = g->common;
+        }
+        if (common == INT_MAX) /* no runs */
+            common = 0;
+        n.least = common < n.least ? common : n.least;
+        n.most = common > n.most ? common : n.most;
+    }
+    return n;
 }
 
-static double mean_of(const struct report *r, const struct scenes *scenes, const char *photos,
-                      const char *defense, enum report_metric m)
+/* Of several scenes without a deviation, which would be another than that over seeds. */
+static struct spread mean_of(const struct report *r, const struct scenes *scenes,
+                             const char *photos, const char *defense, enum report_metric m)
 {
     double sum = 0;
+    if (scenes->n == 1)
+        return value_of(r, scenes->of[0], photos, defense, m);
     for (int i = 0; i < scenes->n; i++)
-        sum += value_of(r, scenes->of[i], photos, defense, m);
-    return scenes->n ? sum / scenes->n : NAN;
+        sum += value_of(r, scenes->of[i], photos, defense, m).mean;
+    return (struct spread){scenes->n ? sum / scenes->n : NAN, NAN};
+}
+
+/* Why a cell that the plan asks for has no value; "" for others. */
+static const char *why_none(const struct report *r, const struct scenes *scenes, const char *photos,
+                            const char *defense)
+{
+    for (int i = 0; i < scenes->n; i++) {
+        const struct group *g = report_find(r, scenes->of[i], photos, defense);
+        if (g && !g->runs)
+            return g->why;
+    }
+    return "";
 }
 
 static bool begins(const struct report *r, const struct side *s, size_t i, bool by_defense)
@@ -220,7 +250,7 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
     } parts[] = {{M_PSNR, "PSNR, dB", 2}, {M_SSIM, "SSIM", 3}, {M_MAX_GAUSSIANS, "of clean", 2}};
     const char *titles[SIDES + 1] = {"defense"}, **photos = titles + 1;
     struct scenes all = {.n = 0}, scenes;
-    char title[320];
+    char title[320], over[64] = "of different seeds";
     find_scenes(r, s, &all);
     const int n = find_photos(r, s, &all, photos);
     scenes = all;
@@ -228,13 +258,18 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
         select_scenes(r, &all, OFF, photos, n, &scenes);
     if (n < 2 || (s->preset && scenes.n < 2))
         return;
-    const char *differ = seeds_differ(r, &scenes) ? ", of different seeds" : "";
+    const struct seeds seeds = count_seeds(r, &scenes);
+    if (!seeds.differ && seeds.least < seeds.most)
+        snprintf(over, sizeof(over), "over %d to %d of %d seeds", seeds.least, seeds.most,
+                 seeds.all);
+    else if (!seeds.differ)
+        snprintf(over, sizeof(over), "over %d of %d seeds", seeds.least, seeds.all);
     if (s->preset)
-        snprintf(title, sizeof(title), "%s: means over %d of %d scenes of the preset %s%s",
-                 s->first->plan, scenes.n, all.n, s->preset, differ);
+        snprintf(title, sizeof(title), "%s: means over %d of %d scenes of the preset %s, %s",
+                 s->first->plan, scenes.n, all.n, s->preset, over);
     else
-        snprintf(title, sizeof(title), "%s: %s, photos side by side%s", s->first->plan,
-                 s->first->scene, differ);
+        snprintf(title, sizeof(title), "%s: %s, photos side by side, %s", s->first->plan,
+                 s->first->scene, over);
     put_run_heading(f, format, title, s->first);
     for (size_t k = 0; k < sizeof(parts) / sizeof(parts[0]); k++) {
         put_heading(f, format, 3,
@@ -245,7 +280,7 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
         for (size_t i = 0; i < r->n_groups && !interrupted(); i++) {
             const char *defense = r->groups[i].first->defense;
             struct scenes of = scenes;
-            double values[SIDES];
+            struct spread values[SIDES];
             char row[256];
             bool any = !s->preset; /* not all scenes may have a defense */
             if (!begins(r, s, i, true))
@@ -254,7 +289,7 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
                 select_scenes(r, &scenes, defense, photos, n, &of);
             for (int c = 0; c < n; c++) {
                 values[c] = mean_of(r, &of, photos[c], defense, parts[k].metric);
-                any |= isfinite(values[c]);
+                any |= isfinite(values[c].mean);
             }
             if (!any)
                 continue;
@@ -263,7 +298,10 @@ static void put_side(FILE *f, const struct report *r, enum format format, const 
                 snprintf(row, sizeof(row), "%s (%d of these scenes)", defense, of.n);
             begin_row(f, format, row);
             for (int c = 0; c < n; c++)
-                put_number(f, format, values[c], NAN, parts[k].digits);
+                if (isfinite(values[c].mean))
+                    put_spread(f, format, values[c], parts[k].digits);
+                else
+                    put_cell(f, format, why_none(r, &of, photos[c], defense));
             end_row(f, format);
         }
         end_table(f, format);

@@ -494,13 +494,13 @@ struct spread report_shares(const struct group *of, const struct group *to, enum
 
 struct spread report_common(const struct group *of, enum report_metric m)
 {
-    return pair(of, of, m, false, of->common > 0);
+    return pair(of, of, m, false, of && of->common);
 }
 
 struct spread report_common_shares(const struct group *of, const struct group *to,
                                    enum report_metric m)
 {
-    return pair(of, to, m, true, of->common > 0);
+    return pair(of, to, m, true, of && of->common);
 }
 
 void report_clear(struct report *r)

@@ -29,12 +29,14 @@ grep -qE '(src|href)=|@import|fetch\(' page/report.html && fail "the page refers
 ratio=$(ask "select printf('%.2f', avg(1.0 * a.value / b.value)) from metric a join cell c using(key) join metric b on b.name=a.name
     join cell d on d.key=b.key and d.seed=c.seed where a.name='max_gaussians' and c.photos='noise' and c.defense='off' and d.photos='clean' and d.defense='off'")
 grep -q "^| off | 2 | [0-9]* ± [0-9]* | $ratio ± " page/report.md || fail "not $ratio of the clean runs: $(cat page/report.md)"
-grep -qF '| off | 1.00 | '"$ratio"' |' page/report.md || fail "no photos side by side: $(cat page/report.md)"
+grep -qF '| off | 1.00 ± 0.00 | '"$ratio ± " page/report.md || fail "no photos side by side: $(cat page/report.md)"
+grep -qF 'photos side by side, over 2 of 2 seeds' page/report.md || fail "no word about the seeds: $(cat page/report.md)"
+[ "$(grep -c '^| bad | failed | failed |$' page/report.md)" -eq 3 ] || fail "a cell without a result does not say why: $(cat page/report.md)"
 cp r.db ratios.db
 sqlite3 ratios.db "update metric set value=(select case when seed=2 then 1000 when photos='clean' then 100 else 300 end from cell c where c.key=metric.key)
     where name='max_gaussians' and key in (select key from cell where defense='off')"
 expect 0 report ratios.db -o ratios -q
-grep -qF '| off | 1.00 | 2.00 |' ratios/report.md || fail "side by side a ratio is not the mean of those of single seeds: $(cat ratios/report.md)"
+grep -qF '| off | 1.00 ± 0.00 | 2.00 ± 1.41 |' ratios/report.md || fail "side by side a ratio is not the mean of those of single seeds: $(cat ratios/report.md)"
 for row in 'bad | --defense spectral --band-low 0.9 --band-high 0.5' 'lg | prune off: --finetune 5' 's | --width 48 --height 36 --train-views 4 --test-views 2 --points 100 --samples 1'; do
     grep -qF "| $row |" page/report.md || fail "the page lacks the plan's $row"
 done
@@ -68,6 +70,7 @@ sqlite3 seeds.db "delete from job where key in (select key from cell where defen
 first="select printf('%.2f', value) from metric join cell using(key) where name='eval.psnr' and defense='off' and seed=1 and photos"
 expect 0 report seeds.db -o seeds -q
 grep -qF "| off | $(ask "$first='clean'") | $(ask "$first='noise'") |" seeds/report.md || fail "not of the first seed: $(cat seeds/report.md)"
+grep -qF 'photos side by side, over 1 of 2 seeds' seeds/report.md || fail "no word about the seed: $(cat seeds/report.md)"
 grep -q '^| pictures | failed | no pictures |' seeds/report.md || fail "no word about pictures that failed: $(cat seeds/report.md)"
 
 sqlite3 seeds.db "update plan set text=json_remove(text, '\$.pictures')"
@@ -81,7 +84,7 @@ expect 0 report differ.db -o differ -q
 grep -q 'photos side by side, of different seeds' differ/report.md || fail "no word about seeds: $(cat differ/report.md)"
 share=$(ask "select printf('%.2f', a.value / b.value) from metric a join cell c using(key) join metric b on b.name=a.name join cell d on d.key=b.key and d.seed=c.seed
     where a.name='max_gaussians' and c.photos='noise' and c.defense='off' and c.seed=1 and d.photos='clean' and d.defense='off'")
-grep -qF "| off | 1.00 | $share |" differ/report.md || fail "not $share of the clean run of its seed: $(cat differ/report.md)"
+grep -qF "| off | 1.00 ± 0.00 | $share |" differ/report.md || fail "not $share of the clean run of its seed: $(cat differ/report.md)"
 
 # Means over the scenes of a preset say which have all that they are of. The third scene lacks the clean run.
 cp r.db means.db
@@ -90,7 +93,7 @@ for scene in s2 s3; do sqlite3 means.db "insert into cell(plan, position, key, k
     update plan set text=json_set(text, '\$.scenes.s.preset', 'tt', '\$.scenes.$scene', json('{\"preset\": \"tt\"}'))"; done
 sqlite3 means.db "update cell set key='gone' where (scene='s3' and photos='clean' and defense='off') or (scene='s2' and photos='noise' and defense='lg')"
 expect 0 report means.db -o over -q
-grep -q 'means over 2 of 3 scenes of the preset tt' over/report.md || fail "no means over scenes: $(cat over/report.md)"
+grep -q 'means over 2 of 3 scenes of the preset tt, over 2 of 2 seeds' over/report.md || fail "no means over scenes: $(cat over/report.md)"
 [ "$(grep -c '^| lg (1 of these scenes) |' over/report.md)" -eq 3 ] || fail "a mean over fewer scenes does not say so: $(cat over/report.md)"
 
 # The same cells of another configuration are left out.
