@@ -447,6 +447,20 @@ static void put_scenes(FILE *f, enum format format, const json_t *scenes)
     put_list(f, format, "scene", scenes, members);
 }
 
+/* A paragraph, whatever its text begins with: of Markdown neither a heading nor a list nor code. */
+static void put_paragraph(FILE *f, enum format format, const char *text)
+{
+    if (format == MARKDOWN) {
+        text += strspn(text, " \t\n");
+        const size_t digits = strspn(text, "0123456789");
+        fwrite(text, 1, digits, f);
+        text += digits;
+        if (*text && strchr("#+-=_~.)", *text))
+            fputc('\\', f);
+    }
+    put_text(f, format, text);
+}
+
 void put_plans(FILE *f, const struct report *r, enum format format)
 {
     const char *name;
@@ -458,7 +472,7 @@ void put_plans(FILE *f, const struct report *r, enum format format)
         snprintf(title, sizeof(title), "The plan %s", name);
         put_heading(f, format, 2, title);
         fputs(format == HTML ? "<p>" : "", f);
-        put_text(f, format, about ? about : "");
+        put_paragraph(f, format, about ? about : "");
         fputs(format == HTML ? "</p>\n<div class=plan>\n" : "\n\n", f);
         json_t *all = json_pack("{s:O*}", "all trainings", json_object_get(plan, "train"));
         put_list(f, format, "trainings", all, NULL);

@@ -74,14 +74,21 @@ void put_cell(FILE *f, enum format format, const char *text)
     fprintf(f, format == HTML ? "</td>" : " |");
 }
 
+/* A stranger's database may have numbers of hundreds of digits. */
+static const char *text_of(double x, int digits, char text[48])
+{
+    snprintf(text, 48, fabs(x) < 1e15 ? "%.*f" : "%.*e", digits, x);
+    return text;
+}
+
 void put_number(FILE *f, enum format format, double mean, double deviation, int digits)
 {
-    char text[96] = "";
-    if (isfinite(mean))
-        snprintf(text, sizeof(text), "%.*f", digits, mean);
+    char text[112] = "", a[48], b[48];
     if (isfinite(mean) && isfinite(deviation))
-        snprintf(text + strlen(text), sizeof(text) - strlen(text), " \u00b1 %.*f", digits,
-                 deviation);
+        snprintf(text, sizeof(text), "%s \u00b1 %s", text_of(mean, digits, a),
+                 text_of(deviation, digits, b));
+    else if (isfinite(mean))
+        snprintf(text, sizeof(text), "%s", text_of(mean, digits, a));
     put_cell(f, format, text);
 }
 

@@ -157,6 +157,15 @@ for file in report.md results.csv report.html; do
     LC_ALL=C grep -q "$(printf '\302\233')" sheet/$file && fail "control characters in $file"
 done
 
+# Nor are a plan's words headings or lists, and no number is shorter than it is.
+for about in '# Heading' '   # Heading' '- item' '1. item' '~~~' '---'; do
+    cp r.db words.db && sqlite3 words.db "update plan set text=json_set(text, '\$.about', '$about'); update metric set value=1.5e300 where name='eval.psnr'"
+    expect 0 report words.db -o words -q
+    shown=$(echo "$about" | sed 's/^ *//; s/[#~.-]/\\&/')
+    grep -qxF "$shown" words/report.md || fail "of a plan about '$about' there is no '$shown': $(cat words/report.md)"
+done
+grep -qF '| off | 1.50e+300 ± ' words/report.md || fail "another number than 1.5e300: $(cat words/report.md)"
+
 # A database that an older version made, without pictures.
 sqlite3 r.db ".clone old.db" >/dev/null 2>&1
 sqlite3 old.db "pragma application_id=$(ask 'pragma application_id'); pragma user_version=1; drop table picture; drop table spectrum; alter table curve drop column ledger_bytes"
