@@ -298,6 +298,8 @@ int report_load(struct report *r, const char *path)
         r->curves = json_object(), r->plans = json_object(), r->pictures = json_object();
     k.known = json_copy(r->curves);
     int code = store_open(path, true, &s);
+    if (!code) /* until it is closed: a bench may store a job meanwhile */
+        code = store_query(s, "BEGIN", NULL, NULL);
     if (!code)
         code = store_query(s,
                            "SELECT c.plan, c.scene, c.photos, c.defense, c.model, c.seed, c.key,"

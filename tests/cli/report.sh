@@ -108,6 +108,22 @@ sqlite3 again.db "update metric set value=99 where name='eval.psnr'; update job 
 expect 0 report r.db again.db -o again -q
 cmp again/results.csv page/results.csv || fail "numbers of another database are in the report"
 
+# What a bench stores meanwhile is in the report as a whole or not at all. The large plan is read between jobs and numbers.
+cp r.db busy.db
+key=$(ask "select c.key from cell c join job using(key) where status='done' limit 1")
+sqlite3 busy.db "insert into plan select 'large', '{\"x\": \"' || hex(zeroblob(5000000)) || '\"}'"
+echo "pragma synchronous=off; begin immediate; delete from job where key='$key'; delete from metric where key='$key'; commit" >without.sql
+echo "pragma synchronous=off; attach 'r.db' as r; begin immediate; insert into job select * from r.job where key='$key'; insert into metric select * from r.metric where key='$key'; commit" >with.sql
+echo >turning
+for _ in $(seq 2000); do [ -e turning ] || break; for turn in without with; do sqlite3 -cmd '.timeout 10000' busy.db <$turn.sql; sleep 0.02; done; done >/dev/null 2>&1 &
+turns=$!
+for turn in 1 2 3 4 5 6; do
+    "$tool" report busy.db -o busy -q 2>err || { rm turning; fail "of a database that is in use"; }
+    grep -q ',not run,.*,[0-9.]*[0-9]$' busy/results.csv && { rm turning; fail "a run is half there: $(cat busy/results.csv)"; }
+    grep -q ',done,.*,,,,,,,,$' busy/results.csv && { rm turning; fail "a result without numbers: $(cat busy/results.csv)"; }
+done
+rm turning && wait "$turns"
+
 # Other reports may be replaced, other files not.
 expect 0 report r.db r.db -o page -q
 mkdir mine && echo mine >mine/report.md
