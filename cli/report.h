@@ -38,6 +38,10 @@ struct result {
     struct result *same;              /* another fresh one with this key, or NULL */
 };
 
+/* Two names of a plan can be one job. More cells of one job than these have neither curves,
+ * pictures nor scores of photos: the page is never much larger than its database. */
+#define CELLS_OF_JOB 8
+
 /* The seeds of one scene, photos, defense and model. */
 struct group {
     const struct result *first; /* others follow by `next` */

@@ -70,12 +70,13 @@ static int take_photo(void *arg, int columns, const char *const *v)
 {
     struct report *r = arg;
     const double score = v[1] ? atof(v[1]) : NAN;
+    int cells = 0;
     (void) columns;
     if (interrupted())
         return report(NULL, SG_ERR_INTERRUPTED);
     for (size_t i = 0; i < r->n_audits && v[0] && v[2] && isfinite(score); i++) {
         struct audit *a = &r->audits[i];
-        if (!a->fresh || strcmp(a->key, v[0]))
+        if (!a->fresh || strcmp(a->key, v[0]) || cells++ >= CELLS_OF_JOB)
             continue;
         if (a->n == a->capacity) {
             const size_t capacity = a->capacity ? 2 * a->capacity : 256;
@@ -98,7 +99,8 @@ int report_load_audits(struct report *r, struct store *s)
     if (code || !has)
         return code;
     code = store_query(s,
-                       "SELECT c.plan, c.scene, c.photos, c.key, j.status, j.summary"
+                       "SELECT c.plan, c.scene, c.photos, c.key, substr(j.status, 1, 16),"
+                       " j.summary"
                        " FROM cell c LEFT JOIN job j USING(key) WHERE c.kind='audit'"
                        " ORDER BY c.plan, c.position",
                        take_audit, r);

@@ -51,8 +51,10 @@ static void clear_result(struct result *x)
 static int take_cell(void *arg, int columns, const char *const *v)
 {
     struct report *r = arg;
-    struct result *x = find_cell(r, v);
     (void) columns;
+    if (interrupted())
+        return report(NULL, SG_ERR_INTERRUPTED);
+    struct result *x = find_cell(r, v);
     const bool done = v[7] && !strcmp(v[7], "done");
     if (x && (!strcmp(x->status, "done") || !done)) {
         r->others += done && strcmp(x->key, v[6]) != 0;
@@ -207,7 +209,8 @@ static int load_pictures(struct keyed *k, struct store *s)
     k->known = json_copy(k->r->pictures);
     code = store_query(s,
                        "SELECT of, what, view, hex(png) FROM picture"
-                       " WHERE of IN (SELECT key FROM cell) AND what IN ('photo', 'render')",
+                       " WHERE of IN (SELECT key FROM cell) AND what IN ('photo', 'render')"
+                       " AND length(png) <= 1 << 18", /* ours have at most 256 x 256 pixels */
                        take_picture, k);
     if (!code)
         code = store_query(s,
@@ -300,13 +303,15 @@ int report_load(struct report *r, const char *path)
     int code = store_open(path, true, &s);
     if (!code) /* until it is closed: a bench may store a job meanwhile */
         code = store_query(s, "BEGIN", NULL, NULL);
-    if (!code)
-        code = store_query(s,
-                           "SELECT c.plan, c.scene, c.photos, c.defense, c.model, c.seed, c.key,"
-                           " j.status, j.message, j.alone, j.commit_id, j.machine, j.engine,"
-                           " j.seconds FROM cell c LEFT JOIN job j USING(key)"
-                           " WHERE c.kind IS NOT 'audit' ORDER BY c.plan, c.position",
-                           take_cell, r);
+    if (!code) /* texts of a job no longer than ours: many cells can be one job */
+        code = store_query(
+            s,
+            "SELECT c.plan, c.scene, c.photos, c.defense, c.model, c.seed, c.key,"
+            " substr(j.status, 1, 16), substr(j.message, 1, 256), j.alone,"
+            " substr(j.commit_id, 1, 128), substr(j.machine, 1, 128),"
+            " substr(j.engine, 1, 128), j.seconds FROM cell c LEFT JOIN job j USING(key)"
+            " WHERE c.kind IS NOT 'audit' ORDER BY c.plan, c.position",
+            take_cell, r);
     for (size_t i = r->n; i-- > 0;) {
         struct result *x = &r->results[i];
         const json_t *same = json_object_get(k.index, x->key);

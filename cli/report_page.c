@@ -20,8 +20,12 @@ static json_t *photo_number(json_t *photos, json_t *photo)
     return json_integer((json_int_t) i);
 }
 
-static json_t *result_json(const struct report *r, const struct result *x, json_t *photos)
+/* shown: by key, how many results before had the curve and the pictures. */
+static json_t *result_json(const struct report *r, const struct result *x, json_t *photos,
+                           json_t *shown)
 {
+    const json_int_t before = json_integer_value(json_object_get(shown, x->key));
+    const bool show = before < CELLS_OF_JOB;
     json_t *o = json_pack("{s:o,s:o,s:o,s:o,s:o,s:i,s:b}", "plan", text_json(x->plan), "scene",
                           text_json(x->scene), "photos", text_json(x->photos), "defense",
                           text_json(x->defense), "model", text_json(x->model), "seed", x->seed,
@@ -34,9 +38,10 @@ static json_t *result_json(const struct report *r, const struct result *x, json_
                             json_pack("{s:o,s:o}", "psnr",
                                       number_json(paper->psnr > 0 ? paper->psnr : NAN), "growth",
                                       number_json(report_paper_growth(paper))));
-    json_t *curve = json_object_get(r->curves, x->key);
+    json_object_set_new(shown, x->key, json_integer(before + 1));
+    json_t *curve = show ? json_object_get(r->curves, x->key) : NULL;
     json_object_set_new(o, "curve", curve ? json_incref(curve) : json_array());
-    json_t *pictures = json_object_get(r->pictures, x->key);
+    json_t *pictures = show ? json_object_get(r->pictures, x->key) : NULL;
     json_t *photo = json_object_get(pictures, "photo");
     if (pictures) {
         json_object_set_new(o, "pictures", pictures = json_copy(pictures));
@@ -63,10 +68,10 @@ void put_page(FILE *f, const struct report *r)
 {
     static const char *const figures[] = {"gaussians", "quality", "tradeoff", "growth", "instances",
                                           "memory",    "radial",  "angular",  "roc"};
-    json_t *list = json_array(), *photos = json_array();
+    json_t *list = json_array(), *photos = json_array(), *shown = json_object();
     for (size_t i = 0; i < r->n; i++)
         if (!strcmp(r->results[i].status, "done"))
-            json_array_append_new(list, result_json(r, &r->results[i], photos));
+            json_array_append_new(list, result_json(r, &r->results[i], photos, shown));
     put_page_head(f, "Report", true);
     if (json_array_size(list)) {
         fprintf(f, "<p class=choices><label>scene <select id=scene></select></label><label>photos "
@@ -88,5 +93,6 @@ void put_page(FILE *f, const struct report *r)
     } else
         json_decref(list);
     json_decref(photos);
+    json_decref(shown);
     fprintf(f, "</body></html>\n");
 }

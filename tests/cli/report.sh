@@ -157,6 +157,22 @@ done
 cp r.db trick.db && sqlite3 trick.db "update cell set scene=zeroblob(70000000) where position=0"
 expect 2 report trick.db -o x; says 'trick.db: string or blob too big'
 
+# Nor do many cells of one job, a picture larger than ours or a long text make a large page of a small database.
+cp r.db same.db
+key=$(ask "select min(of) from picture where what='render'")
+add() { echo "with recursive n(i) as (select 1 union all select i + 1 from n where i < $1) insert into cell(plan, position, key, kind, scene, photos, defense, model, seed)
+    select plan, position + 1000 * i, key, kind, scene, photos, 'd' || i, model, seed from n, (select * from cell where key='$key')"; }
+sqlite3 same.db "update picture set png=randomblob(case of when '$key' then 200000 else 300000 end) where what='render';
+    update job set machine=hex(zeroblob(200000)) where key='$key'; $(add 100)"
+expect 0 report same.db -o same -q
+[ "$(grep -o '"png":"' same/report.html | wc -l)" -eq 10 ] || fail "expected 8 pictures of the job and 2 photos"
+[ "$(cat same/* | wc -c)" -lt 4000000 ] || fail "a large report: $(ls -l same)"
+cp r.db trick.db && sqlite3 trick.db "$(add 50000)"
+"$tool" report trick.db -o x >out 2>err &
+interrupt $!
+[ $? -eq 130 ] && grep -q 'cancelled\|interrupted' err || fail "a report of many cells was not interrupted"
+[ ! -e x ] || fail "an interrupted report left something"
+
 # Numbers that are too large for what they are.
 sed 's/^{/{"threads": 4294967297, /' plan.json >wide.json
 expect 2 bench wide.json --list; says 'threads: expected a whole number from 1 to 256'

@@ -121,6 +121,13 @@ expect 0 report noise.db clean.db -o parts -q
 for folder in page parts; do grep -E '^\| (a|b|all scenes), (clean|noise) \| ' $folder/report.md | sort >$folder.rows; done
 [ -s page.rows ] && cmp page.rows parts.rows || fail "parts of a plan have other curves: $(cat parts.rows)"
 
+# Many cells of one audit do not make a large page of a small database: eight have its photos.
+cp r.db same.db
+sqlite3 same.db "with recursive n(i) as (select 1 union all select i + 1 from n where i < 30)
+    insert into cell select plan, position + 1000 * i, key, kind, scene, 'noise' || i, defense, model, seed from cell, n where kind='audit' and photos='noise' and scene='a'"
+expect 0 report same.db -o same -q
+[ "$(grep -c '^| a, noise[0-9]* | [a-z]* | [1-9]' same/report.md)" -eq 8 ] || fail "not 8 audits with photos: $(grep '^| a, noise' same/report.md)"
+
 # What failed says so, without clean photos there is no curve, and names are only text.
 ask "update job set status='failed' where key='$key'; delete from audit where key='$key'"
 ask "delete from audit where key in (select key from cell where photos='clean' and scene='b')"
