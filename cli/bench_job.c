@@ -221,8 +221,19 @@ static void mark_stuck(const struct work *w, const char *line)
         close(mark);
 }
 
-/* What a job was ended for, or the last line that its process has said; how to continue it is of no
- * use here. */
+/* Whether a line of a command says no reason, but what there is now: it follows the reason. */
+static bool is_aside(const char *line)
+{
+    static const char *const asides[] = {"Continue with:", "the model of iteration ",
+                                         "the limit is --max-memory,",
+                                         "this is where the scene was;"};
+    bool is = false;
+    for (size_t i = 0; i < sizeof(asides) / sizeof(asides[0]); i++)
+        is |= !strncmp(line, asides[i], strlen(asides[i]));
+    return is;
+}
+
+/* What a job was ended for, or the last reason that its process has said. */
 static void last_words(const struct plan *p, struct work *w)
 {
     char *text = load_text(job_path(w, "err.%d", w->phase));
@@ -236,7 +247,7 @@ static void last_words(const struct plan *p, struct work *w)
         const char *last = NULL;
         char *rest = text && strlen(text) > w->said ? text + w->said : NULL;
         for (char *line; (line = strsep(&rest, "\n"));)
-            if (*line && strncmp(line, "Continue with:", strlen("Continue with:")))
+            if (*line && !is_aside(line))
                 last = line;
         if (last)
             snprintf(w->out.message, sizeof(w->out.message), "%s", last), mark_stuck(w, last);

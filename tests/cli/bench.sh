@@ -180,6 +180,17 @@ wait $pid
 [ "$(ask stuck.db "select status, message from job where kind='train'")" = 'crashed|ended by signal 9 without a word' ] || fail "of a crash: $(ask stuck.db "select status, message from job")"
 expect 0 bench stuck.json -o stuck.db -q --retry
 
+# What a training says that fails, not where the model is that it has saved before.
+"$tool" bench stuck.json -o disk.db -q 2>err &
+pid=$! stopped=disk
+wait_until saves_begin
+for checkpoint in disk.db.work/*/run/checkpoint.bin; do # the place of the next one
+    until mkdir "$checkpoint" 2>/dev/null; do rm -f "$checkpoint"; done
+done
+wait $pid
+[ $? -eq 2 ] && grep -q 'the model of iteration' disk.db.work/*/err.0 || fail "a training that cannot save: $(cat disk.db.work/*/err.0)"
+[ "$(ask disk.db "select count(*) from job where status='failed' and message like '%/checkpoint.bin: %'")" -eq 1 ] || fail "why a training has failed: $(ask disk.db 'select status, message from job')"
+
 # A scene that is reached by a link: runs that go on and prunes may follow it too.
 mkdir by-link && cp -r once.db.work/*/scene/blender/* by-link 2>/dev/null
 mv by-link/train photos-elsewhere && ln -s "$PWD/photos-elsewhere" by-link/train
