@@ -267,21 +267,23 @@ static int add_scene(struct reader *r, const char *name)
                  at);
         if (realpath(path, whole))
             add_files(&p);
-        if (p.no_memory) {
-            json_decref(config);
+        json_t *place = p.files ? json_string(whole) : NULL;
+        if (p.no_memory)
             r->code = no_memory();
-            return -1;
-        }
-        if (!p.files) {
-            json_decref(config);
+        else if (!p.files)
             r->code = plan_wrong(
                 r,
                 "scenes.%s: found no file in %s, expected the scene below the plan's folder or "
                 "that of --data",
                 name, path);
+        else if (!place) /* the database has it in JSON */
+            r->code = plan_wrong(r, "scenes.%s: %s: expected a path in UTF-8", name, whole);
+        if (r->code) {
+            json_decref(place);
+            json_decref(config);
             return -1;
         }
-        json_object_set_new(config, "path", json_string(whole));
+        json_object_set_new(config, "path", place);
         json_object_set_new(config, "print", json_pack("[I,I]", p.files, (json_int_t) p.sum));
     }
     return add_job(r, (struct job){.kind = JOB_SCENE,

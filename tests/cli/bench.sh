@@ -252,6 +252,10 @@ sed 's/"synth": \[[^]]*\]/"path": "spelled"/' plan.json >spelled.json
 expect 0 bench spelled.json --list && cp out spelled.jobs
 expect 0 bench "$PWD/spelled.json" --list --data ./../"${PWD##*/}"/. && cmp -s out spelled.jobs || fail "other jobs: $(cat out)"
 
+# Where its path cannot be kept, it is refused before its jobs fail.
+latin=$(printf 'd\351') && mkdir -p "$latin/spelled" && echo >"$latin/spelled/photo"
+expect 2 bench spelled.json --list --data "$latin"; says '/spelled: expected a path in UTF-8'
+
 # And however often it is copied, unless a photo or its name changes.
 mkdir copied && mv spelled/photo copied/ && cp copied/photo spelled/ && touch -d '2001-02-03' spelled/photo
 expect 0 bench spelled.json --list && cmp -s out spelled.jobs || fail "a copied scene has other jobs: $(cat out)"
