@@ -38,6 +38,7 @@ struct cell {
 
 struct plan {
     json_t *root;
+    json_t *places; /* what scenes are read from, their links followed: the scene's name by path */
     char *name, *folder; /* of the file, without its ending; where its paths begin */
     struct job *jobs;    /* each after those that it needs */
     int n;

@@ -201,8 +201,8 @@ static void add_folder(const char *path, int depth, struct print *p)
         closedir(d);
 }
 
-/* Reads the scene at p->root, a folder or an archive. */
-static void add_files(struct print *p)
+/* Reads the scene at p->root, a folder or an archive. places: gets what it reads. */
+static void add_files(struct print *p, const char *scene, json_t *places)
 {
     struct stat st;
     p->length = strlen(p->root);
@@ -212,8 +212,11 @@ static void add_files(struct print *p)
         add_folder(p->root, 0, p);
     for (size_t i = 0; i < p->n_behind; i++)
         add_folder(p->behind[i], 0, p);
-    for (size_t i = 0; i < p->n_behind; i++)
+    json_object_set_new_nocheck(places, p->root, json_string(scene)); /* paths in any encoding */
+    for (size_t i = 0; i < p->n_behind; i++) {
+        json_object_set_new_nocheck(places, p->behind[i], json_string(scene));
         free(p->behind[i]);
+    }
     free(p->behind);
 }
 
@@ -266,7 +269,7 @@ static int add_scene(struct reader *r, const char *name)
         snprintf(path, sizeof(path), "%s%s%s", *at == '/' ? "" : r->data, *at == '/' ? "" : "/",
                  at);
         if (realpath(path, whole))
-            add_files(&p);
+            add_files(&p, name, r->plan->places);
         json_t *place = p.files ? json_string(whole) : NULL;
         if (p.no_memory)
             r->code = no_memory();
@@ -546,7 +549,7 @@ static int add_block(struct reader *r, const json_t *block)
 int plan_read(struct plan *p, const char *path, const char *data, int shard, int shards)
 {
     json_error_t error;
-    *p = (struct plan){0};
+    *p = (struct plan){.places = json_object()};
     if (is_folder(path)) {
         say(stderr, "splatguard bench: %s: found a folder, expected the file of a plan\n", path);
         return STATUS_INPUT;
@@ -592,5 +595,6 @@ void plan_clear(struct plan *p)
     free(p->name);
     free(p->folder);
     json_decref(p->root);
+    json_decref(p->places);
     *p = (struct plan){0};
 }

@@ -104,16 +104,18 @@ static void print_jobs(const struct plan *p)
 static int check_outside(const struct plan *p, const char *path)
 {
     char folder[PATH_MAX], whole[PATH_MAX];
+    const char *place;
+    json_t *scene;
     if (!realpath(path, whole) &&
         (!folder_of(path, folder, sizeof(folder)) || !realpath(folder, whole)))
         return STATUS_DONE; /* opening it says what is wrong */
-    for (int i = 0; i < p->n; i++) {
-        const char *scene = json_string_value(json_object_get(p->jobs[i].config, "path"));
-        if (scene && is_below(whole, scene)) {
+    json_object_foreach(p->places, place, scene)
+    {
+        if (is_below(whole, place)) {
             say(stderr,
                 "splatguard bench: %s: found it in the folder of scene %s, expected it "
                 "outside of %s\n",
-                path, p->jobs[i].scene, scene);
+                path, json_string_value(scene), place);
             return STATUS_INPUT;
         }
     }

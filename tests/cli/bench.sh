@@ -301,6 +301,7 @@ echo 6 >outside/photo
 for plan in follows stays; do jobs_of $plan changed; done
 other_jobs follows outside changed
 cmp -s stays.outside stays.changed || fail "what links lead to is read without --follow-links"
+expect 2 bench follows.json -o outside/x.db; says "outside/x.db: found it in the folder of scene s, expected it outside of $PWD/outside"
 rm linked/images && ln -s a/b/c/d/e/f/g/h linked/images && ln -s .. linked/up && ln -s /proc/self linked/process
 mkdir -p linked/a/b/c/d/e/f/g/h && echo 7 >linked/images/photo
 timeout 60 "$tool" bench follows.json --list >out || fail "links out of a scene: exit status $?"
