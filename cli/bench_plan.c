@@ -249,16 +249,28 @@ static int add_job(struct reader *r, struct job job)
     return p->n++;
 }
 
-/* The scene: made by synth, or a folder. */
+#define MERGE(lists) options_merge(lists, sizeof(lists) / sizeof((lists)[0]))
+
+/* Options of the photos for commands that only read them. */
+static json_t *photo_options(const struct reader *r, const char *scene, bool clean)
+{
+    const json_t *const lists[] = {clean ? plan_scene_options(r, scene, "size") : NULL,
+                                   plan_scene_options(r, scene, "options")};
+    return MERGE(lists);
+}
+
+/* The scene: made by synth, or a folder. A folder is what is in it, and how that is read: neither
+ * its place, which is in the configuration, nor its name counts for the key. */
 static int add_scene(struct reader *r, const char *name)
 {
-    for (int i = 0; i < r->plan->n; i++)
-        if (r->plan->jobs[i].kind == JOB_SCENE && !strcmp(r->plan->jobs[i].scene, name))
-            return i;
-    const json_t *scene = plan_at(r->plan->root, "scenes", name),
+    const json_t *known = json_object_get(r->scenes, name),
+                 *scene = plan_at(r->plan->root, "scenes", name),
                  *synth = json_object_get(scene, "synth");
-    json_t *config = json_pack("{s:s,s:s}", "kind", "scene", "name", name);
+    if (known)
+        return (int) json_integer_value(known);
+    json_t *config = json_pack("{s:s}", "kind", "scene"), *place = NULL;
     if (synth) {
+        json_object_set_new(config, "name", json_string(name));
         json_object_set(config, "synth", (json_t *) synth);
         json_object_set(config, "layout", json_object_get(scene, "layout"));
     } else {
@@ -270,7 +282,7 @@ static int add_scene(struct reader *r, const char *name)
                  at);
         if (realpath(path, whole))
             add_files(&p, name, r->plan->places);
-        json_t *place = p.files ? json_string(whole) : NULL;
+        place = p.files ? json_string(whole) : NULL;
         if (p.no_memory)
             r->code = no_memory();
         else if (!p.files)
@@ -286,16 +298,23 @@ static int add_scene(struct reader *r, const char *name)
             json_decref(config);
             return -1;
         }
-        json_object_set_new(config, "path", place);
+        json_object_set_new(config, "options", photo_options(r, name, true));
         json_object_set_new(config, "print", json_pack("[I,I]", p.files, (json_int_t) p.sum));
     }
-    return add_job(r, (struct job){.kind = JOB_SCENE,
-                                   .scene = name,
-                                   .photos = "",
-                                   .defense = "",
-                                   .model = "",
-                                   .config = config,
-                                   .from = scene});
+    const int job = add_job(r, (struct job){.kind = JOB_SCENE,
+                                            .scene = name,
+                                            .photos = "",
+                                            .defense = "",
+                                            .model = "",
+                                            .config = config,
+                                            .from = scene});
+    if (job >= 0 && place) {
+        json_object_set(r->plan->jobs[job].config, "path", place);
+        json_object_set_new(r->plan->jobs[job].config, "name", json_string(name));
+    }
+    json_decref(place);
+    json_object_set_new(r->scenes, name, json_integer(job));
+    return job;
 }
 
 /* Which reads the options of a job. */
@@ -363,8 +382,6 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
     job.n_needs = n_needs;
     return add_job(r, job);
 }
-
-#define MERGE(lists) options_merge(lists, sizeof(lists) / sizeof((lists)[0]))
 
 /* The value of an option, or NULL. */
 static const char *value_of(const json_t *options, const char *name)
@@ -451,14 +468,6 @@ static int add_cell(struct reader *r, const struct cell *c)
     return make_job(r, JOB_TRAIN, c, MERGE(lists), needs, n);
 }
 
-/* Options of the photos for commands that only read them. */
-static json_t *photo_options(const struct reader *r, const char *scene, bool clean)
-{
-    const json_t *const lists[] = {clean ? plan_scene_options(r, scene, "size") : NULL,
-                                   plan_scene_options(r, scene, "options")};
-    return MERGE(lists);
-}
-
 /* Renders of the cell's model from the cameras of its photos: of the first seed. */
 static int add_pictures(struct reader *r, const struct cell *c, int job)
 {
@@ -495,8 +504,9 @@ static int add_to_cells(struct reader *r, const struct cell *c, int job)
 {
     struct plan *p = r->plan;
     for (int i = 0; i < p->n_cells; i++)
-        if (p->cells[i].job == job && !strcmp(p->cells[i].defense, c->defense) &&
-            !strcmp(p->cells[i].photos, c->photos) && !strcmp(p->cells[i].model, c->model))
+        if (p->cells[i].job == job && !strcmp(p->cells[i].scene, c->scene) &&
+            !strcmp(p->cells[i].defense, c->defense) && !strcmp(p->cells[i].photos, c->photos) &&
+            !strcmp(p->cells[i].model, c->model))
             return 0;
     struct cell *more = realloc(p->cells, (size_t) (p->n_cells + 1) * sizeof(*more));
     if (!more) {
@@ -576,12 +586,14 @@ int plan_read(struct plan *p, const char *path, const char *data, int shard, int
                        .data = data ? data : p->folder,
                        .shard = shard,
                        .shards = shards,
+                       .scenes = json_object(),
                        .parts = json_object()};
     int code = plan_check(&r);
     r.follows_links = has_text(p->root, "--follow-links");
     const json_t *runs = json_object_get(p->root, "runs");
     for (size_t i = 0; i < json_array_size(runs) && !code; i++)
         code = add_block(&r, json_array_get(runs, i));
+    json_decref(r.scenes);
     json_decref(r.parts);
     return code;
 }

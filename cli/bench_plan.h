@@ -12,6 +12,7 @@ struct reader {
     struct plan *plan;
     const char *path, *data;
     int shard, shards, capacity;
+    json_t *scenes;      /* the job of each, by its name */
     json_t *parts;       /* scenes and photos: the shard of each */
     int poisons, cleans; /* among them */
     bool follows_links;  /* some options have --follow-links */

@@ -146,6 +146,12 @@ sed 's/"defenses": \["off"\]/"defenses": ["off", "lg"]/' names.json >more.json
 expect 0 bench more.json -o :memory: -q
 [ "$(ask ./:memory: 'select count(distinct of) from picture')" -eq 2 ] && [ "$(ask ./:memory: 'select count(distinct of) from spectrum')" -eq 2 ] || fail "pictures are lost"
 
+# One scene of two names is trained once, and has both in the report.
+sed 's/"scenes": {/&"t": {"path": ".\/a b;c\/scene\/blender"}, /; s/"scenes": \["s"\]/"scenes": ["s", "t"]/' more.json >twice.json
+expect 0 bench twice.json -o :memory: -q
+says ' 0 are done now, 0 failed'
+[ "$(ask ./:memory: "select count(*), count(distinct scene), count(distinct key) from cell where plan='twice'")" = '4|2|2' ] || fail "cells of one scene by two names: $(ask ./:memory: 'select * from cell')"
+
 # Ctrl-C lets the runs save.
 plan long.json 100000 ''
 "$tool" bench long.json -o long.db -q 2>err &
@@ -198,7 +204,13 @@ plan link.json $((n * n)) ''
 sed -i 's/"synth": \[[^]]*\], "size": \[[^]]*\]/"path": "by-link", "options": ["--follow-links"]/; s/"photos": \["clean", "noise"\], "defenses": \["off", "half", "lg"\]/"photos": ["clean"], "defenses": ["off", "lg"]/' link.json
 stop_at_checkpoint link
 grep -q '"interrupted": true' link.db.work/*/run/summary.json || fail "the run of a linked scene had ended: $(cat err)"
+mkdir moved && mv by-link moved # where it goes on
+expect 0 bench link.json -o link.db -q --data moved
+[ "$(ask link.db "select count(*) from job where kind='train' and command like '%--resume%/moved/by-link%'")" -eq 1 ] || fail "the run of a scene that moved: $(ask link.db 'select command from job')"
+[ "$(ask link.db "select json_extract(config, '$.path') from job where kind='scene'")" = "$PWD/by-link" ] || fail "no place of the scene that was done before"
+mv moved/by-link .
 expect 0 bench link.json -o link.db -q
+says ' 0 are done now, 0 failed'
 
 # All jobs are of the program that began, also where its file is replaced meanwhile.
 if [ "$tool" = "$program" ]; then
@@ -259,6 +271,14 @@ expect 2 bench spelled.json --list --data "$latin"; says '/spelled: expected a p
 # And however often it is copied, unless a photo or its name changes.
 mkdir copied && mv spelled/photo copied/ && cp copied/photo spelled/ && touch -d '2001-02-03' spelled/photo
 expect 0 bench spelled.json --list && cmp -s out spelled.jobs || fail "a copied scene has other jobs: $(cat out)"
+mkdir elsewhere && cp -r spelled elsewhere
+expect 0 bench spelled.json --list --data elsewhere && cmp -s out spelled.jobs || fail "a scene in another place has other jobs: $(cat out)"
+sed 's/"s"/"other"/g' spelled.json >renamed.json
+expect 0 bench renamed.json --list && sed 's/ other / s /' out | cmp -s - spelled.jobs || fail "a scene of another name has other jobs: $(cat out)"
+# Two whose test views are read with other options are two, also where they are trained with the same ones.
+sed 's/"train": \["--iterations"/"train": ["--downscale", "2", "--iterations"/; s/"scenes": {/&"t": {"path": "spelled"}, /; s/"scenes": \["s"\]/"scenes": ["s", "t"]/' spelled.json >two.json
+expect 0 bench two.json --list
+[ "$(grep -c 'train  [st] clean off' out)" -eq 2 ] || fail "two scenes of the same files are one: $(cat out)"
 printf . >spelled/photo # as many bytes
 expect 0 bench spelled.json --list && ! cmp -s out spelled.jobs || fail "a changed photo has the same jobs"
 mv copied/photo spelled/photo.png && rm spelled/photo
