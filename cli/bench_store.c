@@ -511,15 +511,14 @@ int store_put(struct store *s, const struct job *j, const struct outcome *o)
     sg_machine_name(machine, sizeof(machine));
     const json_t *variant = json_object_get(o->run_config, "cpu_variant");
     char before[16];
-    int code = store_status(s, j->key, before);
+    int code = run(s, "BEGIN IMMEDIATE");
     if (code)
         return code;
-    if (!strcmp(before, "done") && strcmp(o->status, "done")) /* the result that it had stays */
-        return put(s, "UPDATE job SET message=? WHERE key=?", "tt", o->message, j->key);
-    code = run(s, "BEGIN IMMEDIATE");
-    if (code)
-        return code;
-    code = store_drop(s, j->key);
+    code = store_status(s, j->key, before);
+    if (!code && !strcmp(before, "done") && strcmp(o->status, "done")) /* its result stays */
+        return end(s, put(s, "UPDATE job SET message=? WHERE key=?", "tt", o->message, j->key));
+    if (!code)
+        code = store_drop(s, j->key);
     if (!code)
         code = put(s, "INSERT INTO job VALUES(?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
                    "ttt"

@@ -122,6 +122,22 @@ static int check_outside(const struct plan *p, const char *path)
     return STATUS_DONE;
 }
 
+/* The database, for one bench at a time: two would do each job twice and not see what runs beside
+ * it. SQLite does not lock the byte. The lock goes with the process; to close the file before
+ * SQLite does would undo SQLite's locks. */
+static int claim_database(const char *path, int *lock)
+{
+    struct flock byte = {
+        .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = 0x40000000 - 1, .l_len = 1};
+    *lock = open(path, O_RDWR | O_CLOEXEC);
+    if (*lock >= 0 && !fcntl(*lock, F_OFD_SETLK, &byte))
+        return STATUS_DONE;
+    const bool used = *lock >= 0 && (errno == EAGAIN || errno == EACCES);
+    say(stderr, "splatguard bench: %s: %s\n", path,
+        used ? "in use by another bench" : strerror(errno));
+    return STATUS_INPUT;
+}
+
 /* The folder of the jobs, for one bench at a time: the lock goes with the process. */
 static int claim_work(const char *work, int *lock)
 {
@@ -156,7 +172,7 @@ static int run_plan(const struct bench_config *c, struct plan *p)
                       .keep = c->keep,
                       .quiet = c->quiet};
     char work[PATH_MAX], whole[PATH_MAX];
-    int lock = -1;
+    int database = -1, lock = -1;
     cpu_set_t set;
     const int cpus = sched_getaffinity(0, sizeof(set), &set) ? (int) sysconf(_SC_NPROCESSORS_ONLN)
                                                              : CPU_COUNT(&set);
@@ -172,6 +188,8 @@ static int run_plan(const struct bench_config *c, struct plan *p)
         code = store_open(c->output, false, &b.store);
     if (!code)
         code = claim_work(work, &lock);
+    if (!code)
+        code = claim_database(c->output, &database);
     if (!code && !realpath(work, whole)) {
         say(stderr, "splatguard bench: %s: %s\n", work, strerror(errno));
         code = STATUS_INPUT;
@@ -186,6 +204,8 @@ static int run_plan(const struct bench_config *c, struct plan *p)
     if (code == STATUS_INTERRUPTED)
         say(stderr, "interrupted; the same command continues\n");
     store_close(&b.store);
+    if (database >= 0)
+        close(database);
     if (lock >= 0)
         close(lock);
     return code;

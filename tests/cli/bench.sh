@@ -154,10 +154,27 @@ says ' 0 are done now, 0 failed'
 
 # Ctrl-C lets the runs save.
 plan long.json 100000 ''
-"$tool" bench long.json -o long.db -q 2>err &
+"$tool" bench long.json -o long.db -q --jobs 1 2>err &
 pid=$!
-wait_until test -d long.db.work
-sleep 1
+trains() { ls long.db.work/*/run/log.jsonl >/dev/null 2>&1; }
+wait_until trains
+# One bench at a time writes a database, whatever its folder of work is.
+for folder in long.db.work other.work; do
+    "$tool" bench long.json -o long.db --work $folder -q 2>second
+    [ $? -eq 2 ] && grep -q "long.db.*: in use by another bench" second || fail "two benches on one database: $(cat second)"
+done
+# A result that is stored while a bench waits for the database stays, although its own job has failed.
+{
+    printf '.timeout 5000\nbegin immediate;\n'
+    echo "insert or replace into job(key, kind, status) select key, kind, 'done' from cell;"
+    while sqlite3 long.db 'begin immediate; rollback' 2>/dev/null; do sleep 0.1; done
+    kill -KILL "$(child_of $pid | head -1)"
+    sleep 1
+    echo 'commit;'
+} | sqlite3 long.db
+one_failed() { status=$(ask long.db "select status from job where message like 'ended by signal 9%'" 2>/dev/null) && [ -n "$status" ]; }
+wait_until one_failed
+[ "$status" = "done" ] || fail "a result has gone: $(ask long.db 'select status, message from job')"
 interrupt $pid
 [ $? -eq 130 ] || fail "an interrupted bench did not exit with 130"
 says 'the same command continues'
