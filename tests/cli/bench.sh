@@ -354,6 +354,15 @@ expect 0 bench plan.json -o cluster.db --slurm 3
 grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shard .SLURM_ARRAY_TASK_ID/3' out || fail "the script is $(cat out)"
 [ ! -e cluster.db ] || fail "a script made a database"
 for i in 1 2; do [ "$("$tool" bench plan.json --list --shard $i/2 | grep -c train)" -ge 2 ] || fail "part $i of 2 has less than half"; done
+# What a block at the end adds moves nothing that is done to another part.
+sed 's/"clean": \[\]/&, "blur": ["--method", "noise", "--epsilon", "4"]/; s/^ "runs": \[\({.*}\)\]}/ "runs": [\1, \1]}/' plan.json >added.json
+sed -i 's/\(.*\)"clean", "noise"/\1"clean", "blur", "noise"/' added.json # the second block
+for i in 1 2; do
+    "$tool" bench plan.json --list --shard $i/2 | sort >before
+    "$tool" bench added.json --list --shard $i/2 | sort | comm -23 before - >moved-away
+    [ ! -s moved-away ] || fail "part $i of 2 has lost $(cat moved-away)"
+done
+[ "$("$tool" bench added.json --list | grep -c 'poison s blur')" -eq 1 ] || fail "the plan has no block more: $(cat added.json)"
 for shard in 4/3 4294967297/1; do
     expect 1 bench plan.json -o x.db --shard $shard; says '--shard'
 done
