@@ -104,6 +104,7 @@ struct outcome {
     uint64_t peak_rss;
     int beside; /* jobs at the same time, itself included */
     char *command;
+    json_t *by; /* version, commit, machine and cores of what ran the first command */
     json_t *run_config, *summary, *eval; /* as their files have them, or NULL */
     json_t *photos;                      /* of an audit, or NULL */
     char *log;                           /* log.jsonl, or NULL */

@@ -21,6 +21,7 @@
 #define GRACE 60.0      /* seconds to save in, after which a process is killed */
 #define MADE "made"     /* marks the folder of a job that is done */
 #define STUCK "stuck"   /* that of one whose checkpoint cannot be read */
+#define BY "by"         /* what ran its first command, and the command */
 #define BESIDE "beside" /* most jobs that ran at the same time as its earlier processes */
 
 static int remove_entry(const char *path, const struct stat *st, int kind, struct FTW *walk)
@@ -132,6 +133,35 @@ static void note_command(struct work *w, const struct command_line *c)
     w->out.command = text;
 }
 
+static json_t *this_program(void)
+{
+    char machine[128];
+    sg_machine_name(machine, sizeof(machine));
+    return json_pack("{s:s,s:s,s:s,s:i}", "version", sg_version(), "commit", SG_COMMIT, "machine",
+                     machine, "cores", (int) sysconf(_SC_NPROCESSORS_ONLN));
+}
+
+/* For a process that finds the phase done. */
+static void note_by(const struct work *w)
+{
+    json_object_set_new(w->out.by, "command", json_string(w->out.command));
+    json_dump_file(w->out.by, job_path(w, BY), JSON_SORT_KEYS | JSON_COMPACT);
+}
+
+/* The first phase was done by an earlier process, perhaps of another version or machine. */
+static void recall_by(struct work *w)
+{
+    json_t *by = load_json(job_path(w, BY));
+    const char *command = json_string_value(json_object_get(by, "command"));
+    if (!command) { /* of a version that did not note it, or written by half */
+        json_decref(by);
+        return;
+    }
+    json_decref(w->out.by);
+    w->out.by = by;
+    w->out.command = strdup(command);
+}
+
 static int open_output(const struct work *w, const char *name, int how)
 {
     return open(job_path(w, "%s.%d", name, w->phase), O_WRONLY | O_CREAT | O_CLOEXEC | how, 0666);
@@ -168,6 +198,8 @@ static bool start_phase(struct scheduler *s, int index)
         return false;
     const bool whole = c.n < COMMAND_WORDS - 1;
     note_command(w, &c);
+    if (!w->phase)
+        note_by(w);
     const int out = open_output(w, "out", O_TRUNC), err = open_output(w, "err", O_APPEND);
     const off_t said = lseek(err, 0, SEEK_END);
     w->said = said > 0 ? (size_t) said : 0;
@@ -300,6 +332,7 @@ static int collect(struct scheduler *s, const struct job *j, struct work *w)
 
 void outcome_clear(struct outcome *o)
 {
+    json_decref(o->by);
     json_decref(o->summary);
     json_decref(o->run_config);
     json_decref(o->eval);
@@ -347,8 +380,10 @@ static int advance(struct scheduler *s, int index)
 {
     struct work *w = &s->work[index];
     const struct job *j = &s->b->plan->jobs[index];
-    if (phase_is_done(j, w))
+    if (phase_is_done(j, w)) {
         w->phase++;
+        recall_by(w);
+    }
     if (start_phase(s, index))
         return STATUS_DONE;
     s->running--;
@@ -428,7 +463,7 @@ int job_begin(struct scheduler *s, int index)
             strerror(errno));
         return STATUS_INPUT;
     }
-    w->out = (struct outcome){.beside = recall_beside(w)};
+    w->out = (struct outcome){.by = this_program(), .beside = recall_beside(w)};
     strftime(w->out.started, sizeof(w->out.started), "%Y-%m-%dT%H:%M:%SZ", gmtime_r(&t, &utc));
     w->state = RUNNING, w->phase = 0, w->why = NULL, w->pid = 0;
     w->start = clock_seconds();

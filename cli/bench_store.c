@@ -415,6 +415,11 @@ static int put_numbers(struct store *s, const char *key, const char *prefix, con
     return code;
 }
 
+static const char *text_of(const json_t *object, const char *name)
+{
+    return json_string_value(json_object_get(object, name));
+}
+
 static double number_of(const json_t *object, const char *name)
 {
     const json_t *v = json_object_get(object, name);
@@ -507,8 +512,6 @@ static int store_drop(struct store *s, const char *key)
 
 int store_put(struct store *s, const struct job *j, const struct outcome *o)
 {
-    char machine[128];
-    sg_machine_name(machine, sizeof(machine));
     const json_t *variant = json_object_get(o->run_config, "cpu_variant");
     char before[16];
     int code = run(s, "BEGIN IMMEDIATE");
@@ -532,9 +535,10 @@ int store_put(struct store *s, const struct job *j, const struct outcome *o)
                    j->key, job_kinds[j->kind], o->status, (long long) o->exit_status,
                    (long long) o->signal, o->message[0] ? o->message : NULL, o->started, o->seconds,
                    o->cpu_seconds, (long long) o->peak_rss, (long long) o->beside,
-                   (long long) (o->beside == 1), sg_version(), SG_COMMIT, machine,
-                   (long long) sysconf(_SC_NPROCESSORS_ONLN), json_string_value(variant), j->config,
-                   o->command, o->run_config, o->summary);
+                   (long long) (o->beside == 1), text_of(o->by, "version"),
+                   text_of(o->by, "commit"), text_of(o->by, "machine"),
+                   (long long) json_integer_value(json_object_get(o->by, "cores")),
+                   json_string_value(variant), j->config, o->command, o->run_config, o->summary);
     if (!code && o->summary)
         code = put_numbers(s, j->key, "", o->summary);
     if (!code)

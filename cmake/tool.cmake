@@ -47,7 +47,7 @@ endif()
 if(NOT SG_COMMIT)
     set(SG_COMMIT unknown)
 endif()
-set_source_files_properties(cli/bench_store.c PROPERTIES COMPILE_DEFINITIONS SG_COMMIT="${SG_COMMIT}")
+set_source_files_properties(cli/bench_job.c PROPERTIES COMPILE_DEFINITIONS SG_COMMIT="${SG_COMMIT}")
 # An HTTP server, for `view` and `train --view`; both say so where it is missing. It is opened at run time, so that nothing
 # is linked.
 option(SG_HTTP "Build the live view where libmicrohttpd is" ON)

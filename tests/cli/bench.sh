@@ -42,6 +42,14 @@ expect 0 bench plan.json -o gone.db -q
 says ' 4 are done now, 0 failed' # the scene, its poison, the run, and what is pruned of it
 [ "$(ask gone.db "select count(*) from job where status='done'")" -eq 8 ] || fail "not all jobs have a result"
 
+# A training whose result was not stored yet is of what trained, also where another version measures it.
+cp -r once.db.work lost.db.work
+sed -i 's/"commit":"[^"]*"/"commit":"earlier"/; s/"machine":"[^"]*"/"machine":"another"/' lost.db.work/*/by
+expect 0 bench plan.json -o lost.db -q
+trained="select count(*) from job where kind='train' and commit_id='earlier' and machine='another' and command like 'splatguard train %splatguard eval %'"
+[ "$(ask lost.db "$trained")" -eq 4 ] || fail "trainings of another version: $(ask lost.db 'select kind, commit_id, machine, command from job')"
+[ "$(ask lost.db "select count(*) from job where kind='prune' and commit_id='earlier'")" -eq 0 ] || fail "a pruning that ran again is of an earlier version"
+
 # One of these that fails now keeps the result that it had.
 cp once.db kept.db
 ask kept.db "delete from job where key in (select key from cell where defense='lg')"
