@@ -38,10 +38,8 @@ static int check(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_mode
     if (!code && !scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one",
                        scene->path);
-    if (!code && p->finetune && !sg_views_used(scene->train, scene->n_train))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found no training view with a used pixel: masks leave nothing",
-                       scene->path);
+    if (!code && p->finetune)
+        code = sg_check_used(ctx, scene);
     if (!code && !m->count)
         return sg_fail(ctx, SG_ERR_INPUT, "model: found no Gaussian, expected at least one");
     return code;

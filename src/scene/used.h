@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "core/context.h"
 #include "splatguard/scene.h"
 
 /* Whether any of these views has a used pixel. */
@@ -15,6 +16,16 @@ static inline bool sg_views_used(const struct sg_view *views, size_t n)
                    (size_t) views[i].camera.width * (size_t) views[i].camera.height))
             return true;
     return false;
+}
+
+/* Refuses a scene from whose training views nothing can learn; one without views is not refused. */
+static inline int sg_check_used(sg_ctx *ctx, const struct sg_scene *scene)
+{
+    return !scene->n_train || sg_views_used(scene->train, scene->n_train)
+               ? SG_OK
+               : sg_fail(ctx, SG_ERR_INPUT,
+                         "%s: found no training view with a used pixel: masks leave nothing",
+                         scene->path);
 }
 
 /* Pixels of the largest of these views. */

@@ -113,7 +113,7 @@ static int check_kind(const sg_trainer *t, const struct sg_model *m)
 int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
 {
     const size_t each = sg_engine_each(t->engine);
-    const uint64_t limit = sg_budget_most(&t->budget); /* which only growth must begin below */
+    const uint64_t limit = sg_budget_most(&t->budget);
     struct sg_model *made = NULL;
     if (initial && t->params.random_points)
         return sg_fail(t->ctx, SG_ERR_USAGE,

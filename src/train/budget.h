@@ -17,7 +17,7 @@ struct sg_budget {
     bool read_ahead;    /* if not: there is room for one that is read before it is used */
 };
 
-/* The most Gaussians that growth can reach; 0 = no limit. */
+/* The most Gaussians that a model can have, the first one too; 0 = no limit. */
 static inline uint64_t sg_budget_most(const struct sg_budget *limits)
 {
     return limits->gaussians * (limits->overshoots ? 2 : 1);

@@ -257,11 +257,8 @@ static int open_to_train(sg_ctx *ctx, const struct sg_scene *scene,
 {
     sg_clear_error(ctx);
     *out = NULL;
-    if (scene->n_train && !sg_views_used(scene->train, scene->n_train))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found no training view with a used pixel: masks leave nothing",
-                       scene->path);
-    return sg_trainer_open(ctx, scene, start, params, out);
+    const int code = sg_check_used(ctx, scene);
+    return code ? code : sg_trainer_open(ctx, scene, start, params, out);
 }
 
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
