@@ -318,11 +318,16 @@ static int put(struct store *s, const char *sql, const char *types, ...)
     return code;
 }
 
+static const char *text_of(const json_t *object, const char *name)
+{
+    return json_string_value(json_object_get(object, name));
+}
+
 /* The cells of a shard take the place of those that the plan has in the database. */
 static int check_shard(struct store *s, const struct plan *plan)
 {
     sqlite3_stmt *q = NULL;
-    const char *now = json_string_value(json_object_get(plan->root, "shard")), *then = NULL;
+    const char *now = text_of(plan->root, "shard"), *then = NULL;
     if (!now)
         return STATUS_DONE;
     if (sqlite3_prepare_v2(s->db, "SELECT json_extract(text, '$.shard') FROM plan WHERE name=?", -1,
@@ -415,11 +420,6 @@ static int put_numbers(struct store *s, const char *key, const char *prefix, con
     return code;
 }
 
-static const char *text_of(const json_t *object, const char *name)
-{
-    return json_string_value(json_object_get(object, name));
-}
-
 static double number_of(const json_t *object, const char *name)
 {
     const json_t *v = json_object_get(object, name);
@@ -450,8 +450,7 @@ static int put_eval(struct store *s, const char *key, const json_t *eval)
     for (size_t i = 0; i < json_array_size(views) && !code; i++) {
         const json_t *v = json_array_get(views, i);
         code = put(s, "INSERT OR REPLACE INTO view VALUES(?,?,?,?)", "ttrr", key,
-                   json_string_value(json_object_get(v, "name")), number_of(v, "psnr"),
-                   number_of(v, "ssim"));
+                   text_of(v, "name"), number_of(v, "psnr"), number_of(v, "ssim"));
     }
     return code;
 }
@@ -462,9 +461,8 @@ static int put_audit(struct store *s, const char *key, const json_t *photos)
     for (size_t i = 0; i < json_array_size(photos) && !code; i++) {
         const json_t *p = json_array_get(photos, i);
         code = put(s, "INSERT INTO audit VALUES(?,?,?,?,?,?,?)", "titrtrr", key, (long long) i,
-                   json_string_value(json_object_get(p, "name")), number_of(p, "score"),
-                   json_string_value(json_object_get(p, "verdict")), number_of(p, "tau"),
-                   number_of(p, "tau_error"));
+                   text_of(p, "name"), number_of(p, "score"), text_of(p, "verdict"),
+                   number_of(p, "tau"), number_of(p, "tau_error"));
     }
     return code;
 }
