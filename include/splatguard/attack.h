@@ -208,11 +208,13 @@ SG_API int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene,
                                    const char *folder, const uint8_t *rgb,
                                    struct sg_poison_report *report);
 /* Writes cameras and points, which make the folder a scene: call it after the images. The
- * transforms and points of Blender scenes and the models of COLMAP are copied; cameras of the
- * latter whose images all have another size are scaled. nerfstudio scenes, photos whose lens
- * distortion was undone, and reduced ones of Blender scenes whose cameras are in pixels get a
- * transforms.json for the images as written, which keeps what was held out: the test views of the
- * scene, or without any the lists of a nerfstudio scene's own file. Errors: as above. */
+ * transforms and points of Blender scenes and the models of COLMAP are copied. Cameras of the
+ * latter whose images all have another size are scaled. Where images have other endings than the
+ * photos, its model names them as they are, and files of images that are not read are left out.
+ * nerfstudio scenes, photos whose lens distortion was undone, and reduced ones of Blender scenes
+ * whose cameras are in pixels get a transforms.json for the images as written, which keeps what was
+ * held out: the test views of the scene, or without any the lists of a nerfstudio scene's own file.
+ * Errors: as above. */
 SG_API int sg_poisoned_scene_finish(sg_ctx *ctx, const struct sg_scene *scene,
                                     const struct sg_poison_files *files, const char *folder);
 

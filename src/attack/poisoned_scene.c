@@ -24,6 +24,7 @@
 /* COLMAP's points can be large; usually they have been read before */
 #define COPY_BYTES (UINT64_C(1) << 36)
 #define CLOUD "points.ply"
+#define IMAGES "images/" /* of COLMAP: the model names photos in there */
 
 /* The folder of a file. */
 static int make_folder(sg_ctx *ctx, char *path)
@@ -92,17 +93,20 @@ static const char *stem_of(const struct sg_scene *scene, const struct sg_view *v
     return file;
 }
 
+static bool saves_jpeg(const struct sg_scene *scene, const struct sg_poison_files *files)
+{
+    return files->save == SG_POISON_JPEG ||
+           (files->save == SG_POISON_AUTO && scene->format == SG_FORMAT_COLMAP);
+}
+
 /* The path of the view's image below the folder. */
 static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
                         const struct sg_poison_files *files)
 {
-    const bool jpeg = files->save == SG_POISON_JPEG ||
-                      (files->save == SG_POISON_AUTO && scene->format == SG_FORMAT_COLMAP);
     size_t length;
-    const char *file = stem_of(scene, view, &length), *dot = file + length;
-    const bool was_jpeg = !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg");
-    return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? "images/" : "",
-                   (int) length, file, jpeg ? was_jpeg ? dot : ".jpg" : ".png");
+    const char *file = stem_of(scene, view, &length);
+    return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? IMAGES : "", (int) length,
+                   file, sg_written_ending(file + length, saves_jpeg(scene, files)));
 }
 
 bool sg_poisoned_scene_shares_file(const struct sg_scene *scene, const struct sg_view *one,
@@ -113,11 +117,14 @@ bool sg_poisoned_scene_shares_file(const struct sg_scene *scene, const struct sg
     return n == m && !strncasecmp(a, b, n); /* some file systems take no notice of the case */
 }
 
-/* The path of a view's mask that the reader tries first: the name in the copy's camera files. file:
- * of the image. */
-static char *mask_file(sg_ctx *ctx, const struct sg_view *view, bool transforms, const char *file)
+/* The path of a view's mask by the name in the copy's camera files, which the reader tries first.
+ * file: of the image. */
+static char *mask_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                       bool transforms, const char *file)
 {
-    return sg_strf(ctx, "masks/%s.png", transforms ? file : view->file);
+    if (!transforms)
+        file = scene->format == SG_FORMAT_COLMAP ? file + strlen(IMAGES) : view->file;
+    return sg_strf(ctx, "masks/%s.png", file);
 }
 
 static int refuse_name(sg_ctx *ctx, const struct sg_view *view)
@@ -142,6 +149,15 @@ static bool is_same_photo(const struct sg_view *a, const struct sg_view *b)
                                          one.st_dev == other.st_dev && one.st_ino == other.st_ino);
 }
 
+/* Both without their endings, of which COLMAP's model names each, and one is written last. */
+static bool is_same_file(const struct sg_scene *scene, const struct image_name *a,
+                         const struct image_name *b)
+{
+    return is_same_photo(a->view, b->view) &&
+           (scene->format != SG_FORMAT_COLMAP ||
+            !strcmp(a->file + strlen(a->file) + 1, b->file + strlen(b->file) + 1));
+}
+
 static int check_name(sg_ctx *ctx, const char *file)
 {
     const size_t length = strlen(sg_base_name(file));
@@ -153,9 +169,10 @@ static int check_name(sg_ctx *ctx, const char *file)
 }
 
 /* Whether the names of a view's image and mask can be names of files, and be in transforms.json. */
-static int check_names(sg_ctx *ctx, const struct sg_view *view, bool transforms, const char *file)
+static int check_names(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                       bool transforms, const char *file)
 {
-    char *mask = mask_file(ctx, view, transforms, file);
+    char *mask = mask_file(ctx, scene, view, transforms, file);
     json_t *text = json_string(file);
     int code = mask ? check_name(ctx, file) : SG_ERR_BUDGET;
     if (!code && view->mask)
@@ -185,7 +202,8 @@ int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
         const struct sg_view *view =
             i < scene->n_train ? &scene->train[i] : &scene->test[i - scene->n_train];
         names[i] = (struct image_name){image_file(ctx, scene, view, files), view};
-        code = names[i].file ? check_names(ctx, view, transforms, names[i].file) : SG_ERR_BUDGET;
+        code = names[i].file ? check_names(ctx, scene, view, transforms, names[i].file)
+                             : SG_ERR_BUDGET;
         if (!code)
             *strrchr(names[i].file, '.') = 0;
     }
@@ -195,7 +213,7 @@ int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
     for (size_t i = 1; i < n && !code; i++) {
         if (by_name(&names[i - 1], &names[i]))
             continue;
-        const bool same = is_same_photo(names[i - 1].view, names[i].view);
+        const bool same = is_same_file(scene, &names[i - 1], &names[i]);
         if (same && transforms)
             code = sg_fail(ctx, SG_ERR_INPUT,
                            "%s: found a photo of both splits, expected one of either in a copy "
@@ -471,7 +489,7 @@ int sg_poisoned_scene_finish(sg_ctx *ctx, const struct sg_scene *scene,
          *name && !code; name++)
         code = copy(ctx, scene, &from, folder, *name);
     if (!code && scene->format == SG_FORMAT_COLMAP)
-        code = sg_colmap_fit_cameras(ctx, scene, &from, folder);
+        code = sg_colmap_fit_copy(ctx, scene, &from, folder, saves_jpeg(scene, files));
     sg_folder_close(&from);
     return code;
 }
@@ -505,7 +523,7 @@ done:
 static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
                       const char *folder, const char *file)
 {
-    char *name = mask_file(ctx, view, needs_transforms(scene), file), *path = NULL;
+    char *name = mask_file(ctx, scene, view, needs_transforms(scene), file), *path = NULL;
     int code = name ? sg_path_below(ctx, folder, name, &path) : SG_ERR_BUDGET;
     if (!code && !view->mask)
         unlink(path); /* of another set */

@@ -8,9 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MODEL_BYTES                                                                                \
-    (UINT64_C(1)                                                                                   \
-     << 34) /* large scenes have gigabytes of 2D observations; memory has its own limit */
 #define CAMERA_SIDE_MAX (1 << 20)
 
 #define K(name) (int) offsetof(struct sg_lens, name)
@@ -138,19 +135,20 @@ struct sg_colmap_camera *sg_colmap_find_camera(const struct sg_colmap_cameras *c
 
 int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max,
                         const struct sg_colmap_cameras *cameras, const char *where, uint32_t camera,
-                        const double q[4], const double t[3], const char *name)
+                        const double q[4], const double t[3], const struct sg_colmap_name *name)
 {
     const struct sg_colmap_camera *found = sg_colmap_find_camera(cameras, camera);
     if (!found)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: image \"%s\": found camera id %u, expected one of the %zu cameras",
-                       where, name, camera, cameras->count);
+                       where, name->text, camera, cameras->count);
     struct sg_shot *shot;
-    int code = sg_shots_add(ctx, shots, max, where, name, &shot);
+    int code = sg_shots_add(ctx, shots, max, where, name->text, &shot);
     if (code)
         return code;
     shot->lens = found->lens;
     shot->camera_id = camera;
+    shot->file_at = name->at, shot->file_room = name->room;
     shot->camera = sg_strf(ctx, "%s: camera id %u", where, camera);
     if (!shot->camera)
         return SG_ERR_BUDGET;
@@ -216,7 +214,7 @@ static int open_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folde
                      char **path, struct sg_source *in)
 {
     *path = sg_strf(ctx, "%s/%s", folder, name);
-    return *path ? sg_folder_source(ctx, dir, *path, MODEL_BYTES, in) : SG_ERR_BUDGET;
+    return *path ? sg_folder_source(ctx, dir, *path, SG_COLMAP_BYTES, in) : SG_ERR_BUDGET;
 }
 
 /* <images>/<name>, or <images>/<base name> for photos that were moved out of their sub-folders. */

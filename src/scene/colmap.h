@@ -8,6 +8,8 @@
 #include "scene/reader.h"
 
 #define SG_COLMAP_PARAMS_MAX 12
+/* Of a file: large scenes have gigabytes of 2D observations; memory has its own limit. */
+#define SG_COLMAP_BYTES (UINT64_C(1) << 34)
 
 struct sg_colmap_camera {
     uint32_t id;
@@ -19,6 +21,13 @@ struct sg_colmap_camera {
 struct sg_colmap_cameras {
     struct sg_colmap_camera *items; /* sorted by id once all are read */
     size_t count, capacity;
+};
+
+/* The name of an image, and its place in the file of images as in struct sg_shot. */
+struct sg_colmap_name {
+    const char *text;
+    uint64_t at;
+    size_t room;
 };
 
 /* Cameras and images; the latter are shots. */
@@ -42,7 +51,7 @@ int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const c
                          const double *params);
 int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max,
                         const struct sg_colmap_cameras *cameras, const char *where, uint32_t camera,
-                        const double q[4], const double t[3], const char *name);
+                        const double q[4], const double t[3], const struct sg_colmap_name *name);
 int sg_colmap_sort_cameras(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *file);
 /* Sorted ones; NULL if none has the id. */
 struct sg_colmap_camera *sg_colmap_find_camera(const struct sg_colmap_cameras *cameras,
@@ -66,10 +75,11 @@ int sg_colmap_points_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_points,
                          struct sg_points *out);
 
 /* colmap_write.c: a copy of the scene is in `folder`, whose photos have the sizes of the scene's
- * views. Writes the cameras of the copy anew where these sizes are not theirs, as pinholes: no lens
- * of the scene is distorted. A camera whose photos have several sizes stays as it is, as does a
- * file in which no camera changes. */
-int sg_colmap_fit_cameras(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *dir,
-                          const char *folder);
+ * views, and the endings of sg_written_ending. Writes the cameras of the copy anew where these
+ * sizes are not theirs, as pinholes: no lens of the scene is distorted. A camera whose photos have
+ * several sizes stays as it is. In the file of images that is read, the names of the views become
+ * those of the copy's photos. A file in which nothing changes stays. */
+int sg_colmap_fit_copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *dir,
+                       const char *folder, bool jpeg);
 
 #endif

@@ -134,6 +134,7 @@ int sg_colmap_images_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
             return cut_short(ctx, in, "image", i);
         const size_t length = (size_t) (zero - in->window) + 1;
         memcpy(name, in->window, length);
+        const struct sg_colmap_name image = {name, in->at, NAME_BYTES - length};
         sg_source_skip(in, length);
         at = take(in, 8);
         if (!at)
@@ -145,7 +146,7 @@ int sg_colmap_images_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
                 "%s: found a count of %llu observations, expected at most the %llu that fit", where,
                 (unsigned long long) observations, (unsigned long long) room);
         sg_source_skip(in, observations * 24);
-        code = sg_colmap_add_image(ctx, out, max_images, cameras, where, camera, q, t, name);
+        code = sg_colmap_add_image(ctx, out, max_images, cameras, where, camera, q, t, &image);
     }
     return code ? code : at_end(ctx, in, "image", count);
 }

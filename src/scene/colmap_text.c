@@ -17,11 +17,13 @@
 
 struct lines {
     struct sg_source *in;
+    uint64_t at;     /* where the line last returned begins */
     uint64_t seen;   /* bytes since the caller could last cancel */
     uint64_t number; /* of the line last returned, from 1 */
     size_t words;    /* in all of that line */
     char last[24];   /* the beginning of its last word */
     bool cut;        /* the line was longer than what is kept */
+    size_t room;     /* bytes by which it can be longer */
     int code;        /* why reading ended early: no text, or the caller cancelled */
     char text[LINE_BYTES];
 };
@@ -54,7 +56,7 @@ static char *next_line(sg_ctx *ctx, struct lines *l)
         l->code = check_end(ctx, in);
         return NULL;
     }
-    l->number++, l->words = 0, l->cut = false;
+    l->at = in->at, l->number++, l->words = 0, l->cut = false;
     for (size_t ready; !whole && (ready = sg_source_fill(in, 1));) {
         const char *end = memchr(in->window, '\n', ready);
         const size_t n = end ? (size_t) (end - in->window) : ready;
@@ -89,7 +91,7 @@ static char *next_line(sg_ctx *ctx, struct lines *l)
     }
     if (!whole && (l->code = check_end(ctx, in)))
         return NULL;
-    l->text[kept] = 0, l->last[letters] = 0;
+    l->text[kept] = 0, l->last[letters] = 0, l->room = LINE_BYTES - 1 - kept;
     if (kept && !l->cut && l->text[kept - 1] == '\r')
         l->text[kept - 1] = 0;
     return l->text;
@@ -214,9 +216,10 @@ int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
         p += strspn(p, " \t"); /* a name may hold blanks: it is the rest of the line */
         for (size_t n = strlen(p); n && strchr(" \t\r", p[n - 1]); n--)
             p[n - 1] = 0;
+        const struct sg_colmap_name name = {p, l.at + (uint64_t) (p - l.text), l.room};
         snprintf(where, sizeof(where), "%s: line %llu", in->path, (unsigned long long) l.number);
-        code =
-            sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t, p);
+        code = sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t,
+                                   &name);
         /* Its 2D points, three numbers each, possibly an empty line. A file without them would lose
          * every other image. */
         if (!code && next_line(ctx, &l) && !has_points(&l))

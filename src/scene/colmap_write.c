@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The cameras of a copy of a COLMAP scene whose photos have another size. */
+/* A copy of a COLMAP scene whose photos have another size or another ending: its cameras, and the
+ * names of its images. */
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "core/file.h"
 #include "core/numbers.h"
@@ -19,25 +21,29 @@ static int by_file(const void *a, const void *b)
     return strcmp((*x)->file, (*y)->file);
 }
 
-/* sorted: by file, room for all shots. sizes: one a camera, zeroed. */
-static void measure_photos(const struct sg_scene *scene, const struct sg_shots *shots,
-                           const struct sg_colmap_cameras *cameras, const struct sg_shot **sorted,
-                           struct size *sizes)
+static const struct sg_shot *find_shot(const struct sg_shot *const *sorted, size_t n,
+                                       const char *file)
 {
-    for (size_t i = 0; i < shots->count; i++)
-        sorted[i] = &shots->items[i];
-    qsort(sorted, shots->count, sizeof(*sorted), by_file);
+    const struct sg_shot key = {.file = (char *) file}, *pointer = &key;
+    const struct sg_shot *const *shot = bsearch(&pointer, sorted, n, sizeof(*sorted), by_file);
+    return shot ? *shot : NULL;
+}
+
+/* sorted: by file. sizes: one a camera. viewed: one a shot, whether it is a view. Both zeroed. */
+static void measure_photos(const struct sg_scene *scene, const struct sg_shots *shots,
+                           const struct sg_colmap_cameras *cameras,
+                           const struct sg_shot *const *sorted, struct size *sizes, bool *viewed)
+{
     for (size_t i = 0; i < scene->n_train + scene->n_test; i++) {
         const struct sg_view *view =
             i < scene->n_train ? &scene->train[i] : &scene->test[i - scene->n_train];
         const int width = view->camera.width, height = view->camera.height;
-        const struct sg_shot key = {.file = view->file}, *pointer = &key;
-        const struct sg_shot *const *shot =
-            bsearch(&pointer, sorted, shots->count, sizeof(*sorted), by_file);
+        const struct sg_shot *shot = find_shot(sorted, shots->count, view->file);
         if (!shot) /* the files are others than they were */
             continue;
+        viewed[shot - shots->items] = true;
         struct size *size =
-            &sizes[sg_colmap_find_camera(cameras, (*shot)->camera_id) - cameras->items];
+            &sizes[sg_colmap_find_camera(cameras, shot->camera_id) - cameras->items];
         size->differs |= size->width && (size->width != width || size->height != height);
         size->width = width;
         size->height = height;
@@ -112,28 +118,167 @@ static int write_cameras(sg_ctx *ctx, const struct sg_colmap_cameras *cameras, c
     return code;
 }
 
-int sg_colmap_fit_cameras(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *dir,
-                          const char *folder)
+/* What is read of the model, and which of its names change. */
+struct names {
+    const struct sg_colmap_model *model;
+    const struct sg_folder *dir; /* of the scene */
+    const char *folder;          /* of the copy */
+    struct sg_shots shots;
+    const struct sg_shot **sorted; /* by file */
+    bool *changed;                 /* of each shot */
+    bool jpeg;
+};
+
+/* The ending of a shot's name; of one without, the end of the name. */
+static const char *ending_of(const struct sg_shot *shot)
+{
+    const char *ending = sg_photo_ending(shot->file);
+    return ending ? ending : shot->file + strlen(shot->file);
+}
+
+/* From the views among the shots. *any: whether one changes. */
+static int find_changes(sg_ctx *ctx, struct names *n, bool *any)
+{
+    *any = false;
+    for (size_t i = 0; i < n->shots.count; i++) {
+        const struct sg_shot *shot = &n->shots.items[i];
+        const char *old = ending_of(shot), *ending = sg_written_ending(old, n->jpeg);
+        n->changed[i] &= strcmp(old, ending) != 0;
+        if (!n->changed[i])
+            continue;
+        if (strlen(ending) > strlen(old) + shot->file_room)
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: image \"%s\": found a name that cannot be longer, expected room "
+                           "for %s",
+                           n->model->images, shot->file, ending);
+        char *name = sg_strf(ctx, "%.*s%s", (int) (old - shot->file), shot->file, ending);
+        if (!name)
+            return SG_ERR_BUDGET;
+        /* "b.1" and "b.1.png", which has no photo: a reader refuses two images of one name. The
+         * first one's photo is found as b.1.png. */
+        n->changed[i] = !find_shot(n->sorted, n->shots.count, name);
+        *any |= n->changed[i];
+        sg_free(name);
+    }
+    return SG_OK;
+}
+
+/* Copies what is before a place. */
+static int pass(sg_ctx *ctx, struct sg_source *in, uint64_t to, FILE *f)
+{
+    while (in->at < to) {
+        const size_t ready = sg_source_fill(in, 1),
+                     n = ready < to - in->at ? ready : (size_t) (to - in->at);
+        if (!n)
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, expected %llu: cannot read on",
+                           in->path, (unsigned long long) in->at, (unsigned long long) to);
+        fwrite(in->window, 1, n, f);
+        sg_source_skip(in, n);
+    }
+    return SG_OK;
+}
+
+/* All bytes but the endings stay. */
+static int put_images(sg_ctx *ctx, const struct names *n, struct sg_source *in, FILE *f)
+{
+    for (size_t i = 0; i < n->shots.count; i++) {
+        const struct sg_shot *shot = &n->shots.items[i];
+        if (!n->changed[i])
+            continue;
+        const char *old = ending_of(shot);
+        const size_t stem = (size_t) (old - shot->file), length = stem + strlen(old);
+        const int code = pass(ctx, in, shot->file_at, f);
+        if (code)
+            return code;
+        const char *found = sg_source_peek(in, length);
+        if (!found || memcmp(found, shot->file, length))
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: byte %llu: found another name than before, expected %s: the file "
+                           "was changed while it was copied",
+                           in->path, (unsigned long long) in->at, shot->file);
+        fwrite(found, 1, stem, f);
+        fputs(sg_written_ending(old, n->jpeg), f);
+        sg_source_skip(in, length);
+    }
+    return pass(ctx, in, in->size, f);
+}
+
+static int write_images(sg_ctx *ctx, const struct names *n, const char *path)
+{
+    struct sg_source in = {0};
+    struct sg_file_writer w = {0};
+    int code = sg_folder_source(ctx, n->dir, n->model->images, SG_COLMAP_BYTES, &in);
+    if (!code)
+        code = sg_file_create(ctx, &w, path);
+    if (!code)
+        code = put_images(ctx, n, &in, w.stream);
+    if (!code)
+        code = sg_file_commit(ctx, &w);
+    sg_file_abandon(&w);
+    sg_source_close(&in);
+    return code;
+}
+
+/* Writes the file that was read. The others name photos that the copy does not have. Nothing says
+ * that they are of the same images, and who reads scenes takes the same file as this program, the
+ * binary one before the text: they are left out of the copy. */
+static int rename_images(sg_ctx *ctx, const struct names *n)
+{
+    static const char *const files[] = {"sparse/0/images.bin", "sparse/0/images.txt",
+                                        "sparse/images.bin", "sparse/images.txt"};
+    const char *own = n->model->images + strlen(n->dir->path) + 1;
+    int code = SG_OK;
+    for (size_t i = 0; i < sizeof(files) / sizeof(*files) && !code; i++) {
+        char *path;
+        code = sg_path_below(ctx, n->folder, files[i], &path);
+        if (!code && sg_file_exists(path)) {
+            if (!strcmp(files[i], own))
+                code = write_images(ctx, n, path);
+            else if (!unlink(path))
+                sg_log(ctx, SG_LOG_WARN,
+                       "%s/%s: not copied: photos of the copy have other names, and %s is read",
+                       n->dir->path, files[i], n->model->images);
+        }
+        sg_free(path);
+    }
+    return code;
+}
+
+int sg_colmap_fit_copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *dir,
+                       const char *folder, bool jpeg)
 {
     struct sg_colmap_model m;
-    struct sg_shots shots = {0};
-    int code = sg_colmap_read_model(ctx, dir, NULL, UINT32_MAX, &m, &shots);
-    const size_t n = m.cameras.count;
-    const struct sg_shot **sorted =
-        code ? NULL : sg_alloc_raw(ctx, SG_MEM_MISC, shots.count, sizeof(*sorted));
-    struct size *sizes = code ? NULL : sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*sizes));
-    if (!code && (!sorted || !sizes))
+    struct names names = {.model = &m, .dir = dir, .folder = folder, .jpeg = jpeg};
+    struct sg_shots *shots = &names.shots;
+    struct size *sizes = NULL;
+    bool changed = false, renamed = false;
+    int code = sg_colmap_read_model(ctx, dir, NULL, UINT32_MAX, &m, shots);
+    if (code)
+        goto done;
+    names.sorted = sg_alloc_raw(ctx, SG_MEM_MISC, shots->count, sizeof(*names.sorted));
+    names.changed = sg_alloc(ctx, SG_MEM_MISC, shots->count, sizeof(*names.changed));
+    sizes = sg_alloc(ctx, SG_MEM_MISC, m.cameras.count, sizeof(*sizes));
+    if (!names.sorted || !names.changed || !sizes) {
         code = SG_ERR_BUDGET;
-    if (!code)
-        measure_photos(scene, &shots, &m.cameras, sorted, sizes);
-    bool changed = false;
-    for (size_t i = 0; i < n && !code; i++)
+        goto done;
+    }
+    for (size_t i = 0; i < shots->count; i++)
+        names.sorted[i] = &shots->items[i];
+    qsort(names.sorted, shots->count, sizeof(*names.sorted), by_file);
+    measure_photos(scene, shots, &m.cameras, names.sorted, sizes, names.changed);
+    for (size_t i = 0; i < m.cameras.count; i++)
         changed |= fit_camera(&m.cameras.items[i], &sizes[i]);
     for (int text = 0; text < 2 && changed && !code; text++)
         code = write_cameras(ctx, &m.cameras, folder, m.folder + strlen(dir->path) + 1, text);
-    sg_free(sorted);
+    if (!code)
+        code = find_changes(ctx, &names, &renamed);
+    if (!code && renamed)
+        code = rename_images(ctx, &names);
+done:
+    sg_free(names.sorted);
+    sg_free(names.changed);
     sg_free(sizes);
-    sg_shots_clear(&shots);
+    sg_shots_clear(shots);
     sg_colmap_clear_model(&m);
     return code;
 }

@@ -48,6 +48,8 @@ struct sg_shot {
     bool mask_any;      /* all of the mask but 0 is used, else what is above one half */
     char *camera;       /* which one it was taken with, for messages */
     uint32_t camera_id; /* of COLMAP */
+    uint64_t file_at;   /* of COLMAP: where its file of images has the name, in bytes */
+    size_t file_room;   /* of COLMAP: bytes by which the name can be longer there */
     struct sg_lens lens;
     double R[9], t[3]; /* world to camera, as struct sg_camera */
     bool drop_alpha;   /* instead of compositing it */
@@ -84,6 +86,9 @@ int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first
 int sg_shots_check_paths(sg_ctx *ctx, const struct sg_shots *shots, const char *where);
 /* The ending of a file's name, with its dot, where it is that of a photo; else NULL. */
 const char *sg_photo_ending(const char *file);
+/* What the name of a photo has in place of its ending, which may be "", once the photo is written
+ * as JPEG or PNG. */
+const char *sg_written_ending(const char *ending, bool jpeg);
 /* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp), or one added
  * where it has none, if there is such a file: photos that were converted keep their place. *out:
  * NULL if there is none. */

@@ -21,6 +21,13 @@ const char *sg_photo_ending(const char *file)
     return NULL;
 }
 
+const char *sg_written_ending(const char *ending, bool jpeg)
+{
+    if (!jpeg)
+        return ".png";
+    return !strcasecmp(ending, ".jpg") || !strcasecmp(ending, ".jpeg") ? ending : ".jpg";
+}
+
 int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path, char **out)
 {
     static const char *const suffixes[] = {".JPG", ".jpg", ".jpeg", ".png", ".PNG", ".webp"};

@@ -21,6 +21,11 @@ expect 0 train gaussian -o held_out $(once $short --eval --init-points 200 --ite
 expect 0 smooth scene/colmap --views train --save png -o colmap
 says "$(find colmap/images -type f | wc -l) photos written to colmap"
 [ -s colmap/images/view_0001.png ] && [ -n "$(ls colmap/sparse/0)" ] || fail "no COLMAP scene"
+expect 0 smooth scene/colmap -o jpeg -q
+for image in jpeg/images/*.jpg; do
+    grep -qaF "${image##*/}" jpeg/sparse/0/images.bin || fail "the model does not name $image"
+done
+grep -qaF .png jpeg/sparse/0/images.bin && fail "the model names photos that are not there"
 expect 0 smooth scene/blender --save png --jpeg-quality 90 -o quality -q
 says 'warning: --jpeg-quality has no effect with --save png'
 expect 1 smooth scene/blender; says 'missing -o SMOOTHED'

@@ -23,16 +23,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memcpy(text, data, size);
     struct sg_source in;
     sg_source_of_memory(&in, "fuzz", text, size);
+    int code = SG_ERR_INPUT; /* of images */
     if (which == 0)
         sg_colmap_cameras_bin(ctx, &in, &cameras);
     else if (which == 1)
-        sg_colmap_images_bin(ctx, &in, 1000, &cameras, &shots);
+        code = sg_colmap_images_bin(ctx, &in, 1000, &cameras, &shots);
     else if (which == 2)
         sg_colmap_points_bin(ctx, &in, 100000, &points);
     else if (which == 3)
         sg_colmap_cameras_txt(ctx, &in, &cameras);
     else if (which == 4)
-        sg_colmap_images_txt(ctx, &in, 1000, &cameras, &shots);
+        code = sg_colmap_images_txt(ctx, &in, 1000, &cameras, &shots);
     else
         sg_colmap_points_txt(ctx, &in, 100000, &points);
     for (size_t i = 0; i < cameras.count;
@@ -40,6 +41,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         static uint8_t photo[16 * 12 * 3], pinhole[sizeof(photo)], valid[16 * 12];
         size_t lost;
         if (sg_undistort(ctx, &cameras.items[i].lens, 16, 12, photo, pinhole, valid, NULL, &lost))
+            __builtin_trap();
+    }
+    for (size_t i = 0; i < shots.count && !code; i++) { /* a copy has other names there */
+        const struct sg_shot *shot = &shots.items[i];
+        const size_t length = strlen(shot->file);
+        if (shot->file_at > size || length > size - shot->file_at ||
+            memcmp(text + shot->file_at, shot->file, length))
             __builtin_trap();
     }
     sg_shots_check_names(ctx, &shots, 0, "fuzz");
