@@ -73,6 +73,32 @@ static int check_method(const struct prune_config *c, const bool *given)
     return STATUS_DONE;
 }
 
+/* Plans give these to prunings of all kinds: not refused. */
+static void warn_idle(const struct prune_config *c, const bool *given)
+{
+    const struct sg_prune_params *p = &c->prune;
+    const bool limited = p->max_gaussians, volume = p->score == SG_GLOBAL_V_IMPORTANT,
+               sum = p->score != SG_GLOBAL_COUNT && p->score != SG_GLOBAL_OPACITY;
+    const struct {
+        size_t offset;
+        const char *option;
+        bool idle;
+        const char *why;
+    } rules[] = {
+        {P(prune.ratio), "ratio", limited, "with --max-gaussians"},
+        {P(prune.second_ratio), "second-ratio", limited, "with --max-gaussians"},
+        {P(prune.volume_power), "volume-power", !volume, "without --global-score v-important"},
+        {P(prune.volume_clip), "volume-clip", !volume, "without --global-score v-important"},
+        {P(prune.weight), "global-weight", !sum, "with --global-score count or opacity"},
+        {P(prune.trained), "trained", !p->finetune, "with --finetune 0"},
+        {P(prune.seed), "seed", !p->finetune && p->method != SG_PRUNER_SPECTRAL,
+         "with --finetune 0"},
+    };
+    for (size_t i = 0; i < sizeof(rules) / sizeof(rules[0]); i++)
+        if (rules[i].idle && options_given(&command_prune, given, rules[i].offset))
+            warn_unused(rules[i].option, rules[i].why);
+}
+
 static int on_step(void *priv, const struct sg_train_step *step)
 {
     struct progress *p = priv;
@@ -163,8 +189,10 @@ static int run_prune(const void *config, const bool *given, const char *const *p
     char path[PATH_MAX];
     const bool is_run = is_folder(positional[0]);
     int code = check_method(c, given);
-    if (!code)
+    if (!code) {
+        warn_idle(c, given);
         code = open_engine_context(&ctx, c->threads, c->max_memory, c->max_vram, c->quiet);
+    }
     if (!code)
         code = report(ctx, sg_run_find_model(ctx, positional[0], c->iteration, path, sizeof(path)));
     if (!code && is_run)

@@ -64,6 +64,15 @@ expect 1 prune $model --scene scene/blender --iteration 5 -o x.ply; says "expect
 expect 1 prune run --ratio 2 -o x.ply; says '--ratio'
 expect 1 prune run --method magic -o x.ply; says '--method'
 expect 1 prune run --reduce 2 -o x.ply; says '--reduce: found with --method lightgaussian, expected --method pup'
+# What is given beside an option that takes its place.
+expect 0 prune run --max-gaussians 50 --ratio 0.5 --second-ratio 0 --finetune 0 --trained 20 --seed 2 \
+    --global-score count --volume-power 0.2 --global-weight transmittance -o idle.ply -q
+for option in ratio second-ratio trained seed volume-power global-weight; do
+    says "warning: --$option has no effect with"
+done
+[ "$(grep -c warning err)" -eq 6 ] || fail "expected six warnings: $(cat err)"
+expect 0 prune run --max-gaussians 50 --finetune 2 --trained 20 --seed 2 --volume-power 0.2 -o busy.ply -q
+grep warning err && fail "a warning about options that have an effect: $(cat err)"
 expect 1 prune run --method pup --volume-clip -o x.ply; says 'expected --method lightgaussian'
 expect 2 prune nothing.ply --scene scene/blender -o x.ply; says 'nothing.ply'
 printf 'ply\nformat ascii 1.0\nelement vertex 1\nend_header\n' >bad.ply
