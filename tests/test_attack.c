@@ -9,6 +9,7 @@
 #include "engine/cpu/dispatch.h"
 
 #include "models.h"
+#include "races.h"
 
 static const char *const form_names[] = {"vertical2", "aniso", "iso"};
 
@@ -499,6 +500,7 @@ static double beyond(const uint8_t *a, const uint8_t *b, int tolerance)
  * who does not know the tolerance. The decoy, which learns as the victim would, has a lower one. */
 static void test_victim_tolerance(void **state)
 {
+    skip_without_races();
     enum { EPSILON = 16, TOLERANCE = 10 };
     struct fixture *f = *state;
     double clean[2] = {0}, decoy = 0;
@@ -554,6 +556,7 @@ static size_t kept_of(const struct fixture *f, sg_attack *a, size_t *count)
  * growth goes on, and those of the scene make room. */
 static void test_victim_gaussians(void **state)
 {
+    skip_without_races();
     enum { LIMIT = 160 };
     struct fixture *f = *state;
 #define DENSE SG_ATTACK_DEFAULTS, .iterations = 200, .densification_interval = 5

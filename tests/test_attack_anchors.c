@@ -4,6 +4,7 @@
 
 #include "splatguard/attack.h"
 
+#include "races.h"
 #include "training_anchors.h"
 
 /* A scene and a proxy of it. */
@@ -68,6 +69,7 @@ static size_t advance(struct target *a, sg_attack *attack, int steps, size_t lim
 static void test_grows(void **state)
 {
     (void) state;
+    skip_without_races();
     struct target a;
     make_target(&a, 2, false);
     const struct sg_attack_params p = attack_params();
@@ -173,6 +175,7 @@ static void refuse(struct target *a, const struct sg_model *proxy, const struct 
 static void test_refusals(void **state)
 {
     (void) state;
+    skip_without_races();
     struct target a, looks;
     make_target(&a, 1, false);
     const struct sg_attack_params good = attack_params();

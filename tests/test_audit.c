@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The audit's verdicts on sets of photos whose noise is known. */
 #include "photos.h"
+#include "races.h"
 
 #define MOST 101
 
@@ -51,6 +52,7 @@ static bool says(const struct sg_audit *a, const char *words)
 static void test_scores(void **state)
 {
     (void) state;
+    skip_without_races();
     sg_ctx *ctx = make_context(1);
     static const double expected[2][9] = {
         /* of noise 0 to 8: in every pixel, in rows */
@@ -108,6 +110,7 @@ static void test_turned(void **state)
 static void test_verdicts(void **state)
 {
     (void) state;
+    skip_without_races();
     sg_ctx *ctx = make_context(2);
     static const double levels[] = {0, 1, 4, 8, 16};
     for (int rows = 0; rows < 2; rows++) {
@@ -252,6 +255,7 @@ static int ascending(const void *a, const void *b)
 static void test_outliers(void **state)
 {
     (void) state;
+    skip_without_races();
     sg_ctx *ctx = make_context(1);
     double noise[12];
     for (int i = 0; i < 12; i++)

@@ -4,6 +4,7 @@
 
 #include "defense/filter.h"
 #include "image/total_variation.h"
+#include "races.h"
 #include "splatguard/audit.h"
 #include "train/schedule.h"
 #include "train/trainer.h"
@@ -400,6 +401,7 @@ static void test_same_bytes(void **state)
 static void test_combinations(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture f = make_fixture(2);
     struct sg_model *start = f.start;
     char path[] = "/tmp/sg_checkpoint_XXXXXX";
@@ -548,6 +550,7 @@ static void test_report(void **state)
 static void test_refusals(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture f = make_fixture(1);
     const struct sg_train_params good = defended();
     static const struct {

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "engine_cases.h"
+#include "races.h"
 
 #define WIDTH 45
 #define HEIGHT 37
@@ -198,6 +199,7 @@ static double distance(const struct sg_model *a, const struct sg_model *b)
 static void the_last_tenth_settles(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture f = make_poisoned(1);
     struct sg_train_params p = tolerant_params();
     p.densify_until_iter = 200;
@@ -223,6 +225,7 @@ static void the_last_tenth_settles(void **state)
 static void nothing_changes_without_a_tolerance(void **state)
 {
     (void) state;
+    skip_without_races();
     static const float none[VIEWS] = {0};
     struct fixture f = make_poisoned(1);
     struct sg_train_params p = short_params();
@@ -259,6 +262,7 @@ static double squared_error(const struct sg_model *m, const struct fixture *trut
 static void renders_come_nearer_to_the_clean_photos(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture f = make_poisoned(1), clean = make_fixture(1);
     struct sg_train_params p = tolerant_params();
     p.iterations = 600;

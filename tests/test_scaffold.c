@@ -7,6 +7,7 @@
 #include "engine/ref/render.h"
 #include "engine/host/host_model.h"
 #include "engine/scaffold/neural.h"
+#include "races.h"
 
 /* ---- the oracle in double precision ---- */
 
@@ -570,6 +571,7 @@ static void draw_anchors(struct sg_engine *e, int appearance, float rgb[3 * PIXE
 static void test_appearances(void **state)
 {
     (void) state;
+    skip_without_races();
     enum { OWN, MEAN, OTHER, ZERO, KINDS };
     static const int asked[KINDS] = {0, SG_APPEARANCE_MEAN, PHOTOS, SG_APPEARANCE_ZERO};
     static float found[KINDS][3 * PIXELS], right[3 * PIXELS];

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include "train/schedule.h"
+#include "races.h"
 #include "training_anchors.h"
 
 static sg_trainer *begin(struct fixture *f, const struct sg_train_params *p)
@@ -180,6 +181,7 @@ static void test_resume(void **state)
 static void test_longer(void **state)
 {
     (void) state;
+    skip_without_races();
     char path[] = "/tmp/sg_scaffold_XXXXXX";
     struct fixture f = make_points(2);
     struct sg_train_params p = scaffold_params(), shorter;
@@ -251,6 +253,7 @@ static void test_parts(void **state)
 static void test_steps(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture f = make_points(1);
     struct sg_train_params p = scaffold_params();
     p.densify_grad_threshold = 1e9f; /* none grows */
@@ -306,6 +309,7 @@ static void widen(double *most, float a, float b)
 static void test_rates(void **state)
 {
     (void) state;
+    skip_without_races();
     sg_trainer published = {.params = sg_train_params_default(), .extent = 3};
     const struct sg_scaffold_params *s = &published.params.scaffold;
     const float pairs[SG_NETWORK_RATES][2] = {{s->opacity_lr_init, s->opacity_lr_final},
@@ -374,6 +378,7 @@ static void test_rates(void **state)
 static void test_momentum(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture f = make_points(1);
     struct sg_train_params p = scaffold_params();
     struct course course;
@@ -471,6 +476,7 @@ static void test_nothing_drawn(void **state)
 static void test_limits(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture f = make_points(1);
     struct sg_train_params p = scaffold_params();
     struct course course;
@@ -499,6 +505,7 @@ static void test_limits(void **state)
 static void test_memory(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture f = make_points(2);
     struct sg_train_params p = scaffold_params();
     struct sg_train_limits limits;
@@ -731,6 +738,7 @@ static void test_refused(void **state)
 static void test_masks(void **state)
 {
     (void) state;
+    skip_without_races();
     struct fixture fixtures[2]; /* their contexts outlive the models */
     struct sg_model *m[2];
     static uint8_t mask[SIDE * SIDE];

@@ -2,6 +2,7 @@
 /* Photos of a folder under a limit on memory: as many as fit stay, the others are read again from
  * their files, which must not have changed. The bytes are those of a scene whose photos all stay.
  */
+#include "races.h"
 #include "scene_files.h"
 
 #include "core/context.h"
@@ -318,6 +319,7 @@ static void test_read_ahead_fails(void **state)
 /* A larger limit never allows fewer Gaussians, whether photos have to go or not. */
 static void test_more_memory(void **state)
 {
+    skip_without_races();
     struct fixture *f = *state;
     put_scene(f);
     uint64_t before = 0;
@@ -348,6 +350,7 @@ static void test_more_memory(void **state)
  * what photos and Gaussians can have. */
 static void test_reduced_photo(void **state)
 {
+    skip_without_races();
     struct fixture *f = *state;
     put_png(f, "images/0.png", 1200, 1200, 3, 0);
     put_text(f, "transforms.json",
@@ -412,6 +415,7 @@ static void expect_error(sg_ctx *ctx, const struct sg_scene *scene, struct fixtu
 /* A photo or mask that has changed since the scene was loaded ends the training. */
 static void test_changed(void **state)
 {
+    skip_without_races();
     struct fixture *f = *state;
     put_scene(f);
     sg_ctx *ctx = limited(1, least_for_training(f, 1));
