@@ -1,13 +1,14 @@
 # src/engine/cpu/kernels/*.c are compiled once per instruction set; SG_ISA names the variant inside.
 file(GLOB SG_KERNELS CONFIGURE_DEPENDS src/engine/cpu/kernels/*.c)
 
-# Transforms give the same bytes on every instruction set. Clang takes a minute to compile them once with checks of the
-# pointers in their unrolled loops. Without these the address sanitizer still sees each access.
-set(SG_FFT_OPTIONS -ffp-contract=off)
+# Clang takes minutes to compile unrolled loops with checks of their pointers. Without these the address sanitizer still
+# sees each access.
 if(SG_SANITIZE MATCHES undefined AND CMAKE_C_COMPILER_ID MATCHES Clang)
-    list(APPEND SG_FFT_OPTIONS -fno-sanitize=null,alignment,pointer-overflow)
+    set(SG_UNROLLED -fno-sanitize=null,alignment,pointer-overflow)
 endif()
-set_source_files_properties(${PROJECT_SOURCE_DIR}/src/engine/cpu/kernels/fft.c PROPERTIES COMPILE_OPTIONS "${SG_FFT_OPTIONS}")
+# Transforms give the same bytes on every instruction set.
+set_source_files_properties(${PROJECT_SOURCE_DIR}/src/engine/cpu/kernels/fft.c PROPERTIES COMPILE_OPTIONS "-ffp-contract=off;${SG_UNROLLED}")
+set_source_files_properties(${PROJECT_SOURCE_DIR}/src/engine/cpu/kernels/neural.c PROPERTIES COMPILE_OPTIONS "${SG_UNROLLED}")
 set(SG_KERNEL_LEVEL -O3)
 if(SG_SANITIZE)
     set(SG_KERNEL_LEVEL -O2) # half the time to compile
