@@ -9,7 +9,8 @@ if(TARGET splatguard_tool)
         set_tests_properties(cli_${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)
     endforeach()
     set_tests_properties(cli_train PROPERTIES LABELS threads)
-    set_tests_properties(cli_defense cli_view cli_train_view PROPERTIES COST 100) # the longest begin first
+    # The longest begin first, and these would be the last.
+    set_tests_properties(cli_defense cli_train cli_view cli_train_view test_variants PROPERTIES COST 100)
     # The tables, links and texts of the last three are the same in every build.
     set_tests_properties(cli_end_to_end cli_killed cli_smoke cli_docs cli_tables cli_completion PROPERTIES LABELS slow)
 endif()
