@@ -222,42 +222,75 @@ static void test_one_photo(void **state)
     sg_scene_destroy(&scene);
 }
 
-/* Where a name cannot change, the copy is read as before, or there is none. */
-static void test_names_that_stay(void **state)
+/* A name that has no room for another ending stays. */
+static void test_no_room(void **state)
 {
     struct fixture *f = *state;
     static const char *const photos[] = {"b.1", NULL};
-    static const char taken[] = "1 1 0 0 0 1 2 3 1 b.1\n\n2 1 0 0 0 1 2 4 1 b.1.png\n\n",
-                      others[] = "1 1 0 0 0 1 2 3 1 c.png\n\n";
     char line[4100], longer[4100];
-    struct sg_scene *scene;
-    put_model(f, taken, photos);
-    copy(f, SG_POISON_PNG);
-    same_text(f, "out/sparse/0/images.txt", taken);
-    assert_int_equal(sg_scene_load(f->ctx, at(f, "out"), NULL, &scene), SG_OK);
-    assert_int_equal(scene->n_train, 1);
-    assert_string_equal(scene->train[0].file, "b.1");
-    sg_scene_destroy(&scene);
-
+    put_model(f, "", photos);
     for (int room = 3; room <= 4; room++) { /* the reader keeps 4095 bytes of a line */
         snprintf(line, sizeof(line), "1 1 0 0 0 1 2 3 1 %*s\n\n", 4095 - 18 - room, "b.1");
         snprintf(longer, sizeof(longer), "1 1 0 0 0 1 2 3 1 %*s\n\n", 4095 - 18, "b.1.png");
         put_text(f, "sparse/0/images.txt", line);
-        assert_int_equal(try_copy(f, SG_POISON_PNG, NULL), room < 4 ? SG_ERR_INPUT : SG_OK);
-        if (room < 4)
-            assert_non_null(strstr(sg_last_error(f->ctx), "cannot be longer"));
+        copy(f, SG_POISON_PNG);
+        same_text(f, "out/sparse/0/images.txt", room < 4 ? line : longer);
+        struct sg_scene *scene;
+        assert_int_equal(sg_scene_load(f->ctx, at(f, "out"), NULL, &scene), SG_OK);
+        assert_int_equal(scene->n_train, 1);
+        assert_non_null(strstr(scene->train[0].path, "out/images/b.1.png"));
+        sg_scene_destroy(&scene);
     }
-    same_text(f, "out/sparse/0/images.txt", longer);
-    has_photos(f, (const char *const[]){"b.1.png", NULL});
+}
 
-    assert_int_equal(try_copy(f, SG_POISON_JPEG, others), SG_OK); /* since they were read */
+/* Photos of a rig, whose names are paths, have the same names in a copy, in the same order. Names
+ * that would be one in the copy are one in the scene. */
+static void test_rig(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"l/1.tif", "r/1.tif", "l/1-2.tif", "b.1", NULL};
+    struct sg_scene *clean, *scene;
+    put_model(f,
+              "1 1 0 0 0 1 2 3 1 l/1.tif\n\n2 1 0 0 0 1 2 4 1 r/1.tif\n\n"
+              "3 1 0 0 0 1 2 5 1 l/1-2.tif\n\n",
+              photos);
+    copy(f, SG_POISON_JPEG);
+    clean = load(f, NULL);
+    assert_int_equal(sg_scene_load(f->ctx, at(f, "out"), NULL, &scene), SG_OK);
+    assert_int_equal(scene->n_train, 3);
+    for (int i = 0; i < 3; i++)
+        assert_string_equal(scene->train[i].name, clean->train[i].name);
+    sg_scene_destroy(&scene);
+    sg_scene_destroy(&clean);
+
+    put_text(f, "sparse/0/images.txt", "1 1 0 0 0 1 2 3 1 b.1\n\n2 1 0 0 0 1 2 4 1 b.1.png\n\n");
+    assert_int_equal(sg_scene_load(f->ctx, f->dir, NULL, &scene), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "found the same name \"b.1\" twice"));
+}
+
+/* The file of images may have become another one. What cannot be finished is no scene. */
+static void test_changed(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"a.png", NULL};
+    static const char images[] = "1 1 0 0 0 1 2 3 1 a.png\n\n",
+                      others[] = "1 1 0 0 0 1 2 3 1 c.png\n\n";
+    struct sg_scene *scene;
+    put_model(f, images, photos);
+    assert_int_equal(try_copy(f, SG_POISON_JPEG, others), SG_OK);
     same_text(f, "out/sparse/0/images.txt", others);
+    put_text(f, "sparse/0/images.txt", images);
+    assert_int_equal(try_copy(f, SG_POISON_JPEG, "no image"), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "no image"));
+    assert_false(sg_file_exists(at(f, "out/sparse/0/images.txt")));
+    assert_int_equal(sg_scene_load(f->ctx, at(f, "out"), NULL, &scene), SG_ERR_INPUT);
 }
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {scene_test(test_binary), scene_test(test_text),
+    const struct CMUnitTest tests[] = {scene_test(test_binary),         scene_test(test_text),
                                        scene_test(test_both_encodings), scene_test(test_one_photo),
-                                       scene_test(test_names_that_stay)};
+                                       scene_test(test_no_room),        scene_test(test_rig),
+                                       scene_test(test_changed)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

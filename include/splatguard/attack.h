@@ -196,7 +196,7 @@ SG_API int sg_poisoned_scene_load(sg_ctx *ctx, const char *path,
                                   const struct sg_scene_params *params, struct sg_scene **out);
 /* Makes the folder. Cameras that another set left there are removed. Errors: SG_ERR_USAGE for the
  * scene's own folder and a quality out of range; SG_ERR_INPUT for links in the folder, names that
- * are not UTF-8 or too long, two photos whose names differ only in their endings, and files that
+ * are not UTF-8 or too long, two images whose names differ only in their endings, and files that
  * cannot be read or written; SG_ERR_BUDGET. */
 SG_API int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
                                    const struct sg_poison_files *files, const char *folder);
@@ -210,10 +210,11 @@ SG_API int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene,
 /* Writes cameras and points, which make the folder a scene: call it after the images. The
  * transforms and points of Blender scenes and the models of COLMAP are copied. Cameras of the
  * latter whose images all have another size are scaled. Where images have other endings than the
- * photos, its model names them as they are, and files of images that are not read are left out.
+ * photos, the model gets the new names, and files of images that are not read are left out.
  * nerfstudio scenes, photos whose lens distortion was undone, and reduced ones of Blender scenes
  * whose cameras are in pixels get a transforms.json for the images as written, which keeps what was
  * held out: the test views of the scene, or without any the lists of a nerfstudio scene's own file.
+ * After an error the folder is no scene.
  * Errors: as above. */
 SG_API int sg_poisoned_scene_finish(sg_ctx *ctx, const struct sg_scene *scene,
                                     const struct sg_poison_files *files, const char *folder);

@@ -149,7 +149,8 @@ static bool is_same_photo(const struct sg_view *a, const struct sg_view *b)
                                          one.st_dev == other.st_dev && one.st_ino == other.st_ino);
 }
 
-/* Both without their endings, of which COLMAP's model names each, and one is written last. */
+/* The texts of both are cut before their endings. COLMAP's model names both endings, and one file
+ * is written. */
 static bool is_same_file(const struct sg_scene *scene, const struct image_name *a,
                          const struct image_name *b)
 {
@@ -221,9 +222,9 @@ int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
                            names[i].view->path);
         else if (!same)
             code = sg_fail(ctx, SG_ERR_INPUT,
-                           "%s and %s: found two photos whose names differ only in their endings, "
-                           "which would be one in the copy of the scene",
-                           names[i - 1].view->path, names[i].view->path);
+                           "%s: found images \"%s\" and \"%s\", whose names differ only in their "
+                           "endings: they would be one file in the copy of the scene",
+                           scene->path, names[i - 1].view->file, names[i].view->file);
     }
     for (size_t i = 0; names && i < n; i++)
         sg_free(names[i].file);
@@ -450,14 +451,15 @@ int sg_poisoned_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_
 /* What the layouts have beside photos, which says where a scene is. */
 static const char *const blender[] = {"transforms_train.json", "transforms_test.json",
                                       "transforms_val.json", "points3d.ply", NULL};
-static const char *const colmap[] = {"sparse/0/cameras.bin",  "sparse/0/images.bin",
-                                     "sparse/0/points3D.bin", "sparse/0/cameras.txt",
-                                     "sparse/0/images.txt",   "sparse/0/points3D.txt",
+/* The images come last: without them a folder is no scene. */
+static const char *const colmap[] = {"sparse/0/cameras.bin",  "sparse/0/points3D.bin",
+                                     "sparse/0/cameras.txt",  "sparse/0/points3D.txt",
                                      "sparse/0/points3D.ply", "sparse/cameras.bin",
-                                     "sparse/images.bin",     "sparse/points3D.bin",
-                                     "sparse/cameras.txt",    "sparse/images.txt",
+                                     "sparse/points3D.bin",   "sparse/cameras.txt",
                                      "sparse/points3D.txt",   "sparse/points3D.ply",
-                                     "poses_bounds.npy",      NULL};
+                                     "poses_bounds.npy",      "sparse/0/images.bin",
+                                     "sparse/0/images.txt",   "sparse/images.bin",
+                                     "sparse/images.txt",     NULL};
 static const char *const own[] = {"transforms.json", NULL};
 
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
@@ -482,14 +484,16 @@ int sg_poisoned_scene_finish(sg_ctx *ctx, const struct sg_scene *scene,
     sg_clear_error(ctx);
     if (needs_transforms(scene))
         return write_transforms(ctx, scene, files, folder);
+    const char *const *names = scene->format == SG_FORMAT_BLENDER ? blender : colmap;
     int code = sg_folder_open(ctx, scene->path, scene->follow_links, &from);
     if (code)
         return code;
-    for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap;
-         *name && !code; name++)
-        code = copy(ctx, scene, &from, folder, *name);
+    for (size_t i = 0; names[i] && !code; i++)
+        code = copy(ctx, scene, &from, folder, names[i]);
     if (!code && scene->format == SG_FORMAT_COLMAP)
         code = sg_colmap_fit_copy(ctx, scene, &from, folder, saves_jpeg(scene, files));
+    if (code) /* what is not finished is no scene */
+        remove_cameras(ctx, folder, names);
     sg_folder_close(&from);
     return code;
 }

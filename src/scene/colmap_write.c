@@ -21,29 +21,27 @@ static int by_file(const void *a, const void *b)
     return strcmp((*x)->file, (*y)->file);
 }
 
-static const struct sg_shot *find_shot(const struct sg_shot *const *sorted, size_t n,
-                                       const char *file)
-{
-    const struct sg_shot key = {.file = (char *) file}, *pointer = &key;
-    const struct sg_shot *const *shot = bsearch(&pointer, sorted, n, sizeof(*sorted), by_file);
-    return shot ? *shot : NULL;
-}
-
-/* sorted: by file. sizes: one a camera. viewed: one a shot, whether it is a view. Both zeroed. */
+/* sorted: room for all shots. sizes: one a camera. viewed: one a shot, whether it is a view. Both
+ * zeroed. */
 static void measure_photos(const struct sg_scene *scene, const struct sg_shots *shots,
-                           const struct sg_colmap_cameras *cameras,
-                           const struct sg_shot *const *sorted, struct size *sizes, bool *viewed)
+                           const struct sg_colmap_cameras *cameras, const struct sg_shot **sorted,
+                           struct size *sizes, bool *viewed)
 {
+    for (size_t i = 0; i < shots->count; i++)
+        sorted[i] = &shots->items[i];
+    qsort(sorted, shots->count, sizeof(*sorted), by_file);
     for (size_t i = 0; i < scene->n_train + scene->n_test; i++) {
         const struct sg_view *view =
             i < scene->n_train ? &scene->train[i] : &scene->test[i - scene->n_train];
         const int width = view->camera.width, height = view->camera.height;
-        const struct sg_shot *shot = find_shot(sorted, shots->count, view->file);
+        const struct sg_shot key = {.file = view->file}, *pointer = &key;
+        const struct sg_shot *const *shot =
+            bsearch(&pointer, sorted, shots->count, sizeof(*sorted), by_file);
         if (!shot) /* the files are others than they were */
             continue;
-        viewed[shot - shots->items] = true;
+        viewed[*shot - shots->items] = true;
         struct size *size =
-            &sizes[sg_colmap_find_camera(cameras, shot->camera_id) - cameras->items];
+            &sizes[sg_colmap_find_camera(cameras, (*shot)->camera_id) - cameras->items];
         size->differs |= size->width && (size->width != width || size->height != height);
         size->width = width;
         size->height = height;
@@ -124,8 +122,7 @@ struct names {
     const struct sg_folder *dir; /* of the scene */
     const char *folder;          /* of the copy */
     struct sg_shots shots;
-    const struct sg_shot **sorted; /* by file */
-    bool *changed;                 /* of each shot */
+    bool *changed; /* of each shot */
     bool jpeg;
 };
 
@@ -136,31 +133,18 @@ static const char *ending_of(const struct sg_shot *shot)
     return ending ? ending : shot->file + strlen(shot->file);
 }
 
-/* From the views among the shots. *any: whether one changes. */
-static int find_changes(sg_ctx *ctx, struct names *n, bool *any)
+/* changed: first which shots are views, then whether the copy has another name of them. A name that
+ * would be too long to be read stays: its photo is found by another ending. */
+static bool find_changes(const struct names *n)
 {
-    *any = false;
+    bool any = false;
     for (size_t i = 0; i < n->shots.count; i++) {
         const struct sg_shot *shot = &n->shots.items[i];
         const char *old = ending_of(shot), *ending = sg_written_ending(old, n->jpeg);
-        n->changed[i] &= strcmp(old, ending) != 0;
-        if (!n->changed[i])
-            continue;
-        if (strlen(ending) > strlen(old) + shot->file_room)
-            return sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: image \"%s\": found a name that cannot be longer, expected room "
-                           "for %s",
-                           n->model->images, shot->file, ending);
-        char *name = sg_strf(ctx, "%.*s%s", (int) (old - shot->file), shot->file, ending);
-        if (!name)
-            return SG_ERR_BUDGET;
-        /* "b.1" and "b.1.png", which has no photo: a reader refuses two images of one name. The
-         * first one's photo is found as b.1.png. */
-        n->changed[i] = !find_shot(n->sorted, n->shots.count, name);
-        *any |= n->changed[i];
-        sg_free(name);
+        n->changed[i] &= strcmp(old, ending) && strlen(ending) <= strlen(old) + shot->file_room;
+        any |= n->changed[i];
     }
-    return SG_OK;
+    return any;
 }
 
 /* Copies what is before a place. */
@@ -219,9 +203,8 @@ static int write_images(sg_ctx *ctx, const struct names *n, const char *path)
     return code;
 }
 
-/* Writes the file that was read. The others name photos that the copy does not have. Nothing says
- * that they are of the same images, and who reads scenes takes the same file as this program, the
- * binary one before the text: they are left out of the copy. */
+/* Writes the file that was read. The others would name photos that the copy does not have, and are
+ * left out: readers take the same file as this program, the binary one before the text. */
 static int rename_images(sg_ctx *ctx, const struct names *n)
 {
     static const char *const files[] = {"sparse/0/images.bin", "sparse/0/images.txt",
@@ -250,32 +233,28 @@ int sg_colmap_fit_copy(sg_ctx *ctx, const struct sg_scene *scene, const struct s
     struct sg_colmap_model m;
     struct names names = {.model = &m, .dir = dir, .folder = folder, .jpeg = jpeg};
     struct sg_shots *shots = &names.shots;
+    const struct sg_shot **sorted = NULL;
     struct size *sizes = NULL;
-    bool changed = false, renamed = false;
+    bool changed = false;
     int code = sg_colmap_read_model(ctx, dir, NULL, UINT32_MAX, &m, shots);
     if (code)
         goto done;
-    names.sorted = sg_alloc_raw(ctx, SG_MEM_MISC, shots->count, sizeof(*names.sorted));
+    sorted = sg_alloc_raw(ctx, SG_MEM_MISC, shots->count, sizeof(*sorted));
     names.changed = sg_alloc(ctx, SG_MEM_MISC, shots->count, sizeof(*names.changed));
     sizes = sg_alloc(ctx, SG_MEM_MISC, m.cameras.count, sizeof(*sizes));
-    if (!names.sorted || !names.changed || !sizes) {
+    if (!sorted || !names.changed || !sizes) {
         code = SG_ERR_BUDGET;
         goto done;
     }
-    for (size_t i = 0; i < shots->count; i++)
-        names.sorted[i] = &shots->items[i];
-    qsort(names.sorted, shots->count, sizeof(*names.sorted), by_file);
-    measure_photos(scene, shots, &m.cameras, names.sorted, sizes, names.changed);
+    measure_photos(scene, shots, &m.cameras, sorted, sizes, names.changed);
     for (size_t i = 0; i < m.cameras.count; i++)
         changed |= fit_camera(&m.cameras.items[i], &sizes[i]);
     for (int text = 0; text < 2 && changed && !code; text++)
         code = write_cameras(ctx, &m.cameras, folder, m.folder + strlen(dir->path) + 1, text);
-    if (!code)
-        code = find_changes(ctx, &names, &renamed);
-    if (!code && renamed)
+    if (!code && find_changes(&names))
         code = rename_images(ctx, &names);
 done:
-    sg_free(names.sorted);
+    sg_free(sorted);
     sg_free(names.changed);
     sg_free(sizes);
     sg_shots_clear(shots);

@@ -148,13 +148,13 @@ static int by_pointed_name(const void *a, const void *b)
     return by_name(*(const struct sg_shot *const *) a, *(const struct sg_shot *const *) b);
 }
 
-/* Rigs of cameras name photos by folder (left/001.jpg, right/001.jpg): the path without extension,
- * "/" as "_". */
+/* Rigs of cameras name photos by folder (left/001.jpg, right/001.jpg): the path without the ending
+ * of a photo, "/" as "_". A copy of the scene with other endings has the same names. */
 static int rename_by_path(sg_ctx *ctx, struct sg_shot *shot)
 {
-    const char *dot = strrchr(sg_base_name(shot->file), '.');
-    char *name = sg_strf(
-        ctx, "%.*s", (int) (dot ? (size_t) (dot - shot->file) : strlen(shot->file)), shot->file);
+    const char *ending = sg_photo_ending(shot->file);
+    const size_t stem = ending ? (size_t) (ending - shot->file) : strlen(shot->file);
+    char *name = sg_strf(ctx, "%.*s", (int) stem, shot->file);
     if (!name)
         return SG_ERR_BUDGET;
     for (char *c = name; *c; c++)
