@@ -197,9 +197,18 @@ class View:
     def _tuple(self):
         sides = (self.camera.height, self.camera.width)
         image, mask = (self._image, self._mask) if self._place is None else (self.image, self.mask)
-        if not callable(image) and _shape(image, self.name, 3) != sides:
-            raise UsageError(f"{self.name}: found an image of {_shape(image, '', 3)}, expected "
-                             f"{sides} (height, width) as its camera")
+        name = self.name
+
+        def checked(pixels):
+            if _shape(pixels, name, 3) != sides:
+                raise UsageError(f"{name}: found an image of {_shape(pixels, '', 3)}, expected "
+                                 f"{sides} (height, width) as its camera")
+            return pixels
+
+        if callable(image):
+            read, image = image, lambda: checked(read())
+        else:
+            checked(image)
         if mask is not None and _shape(mask, self.name + ": mask", None) != sides:
             raise UsageError(f"{self.name}: found a mask of another size than its camera")
         return (self.name, self.camera._numbers(), image, mask, _SPLITS[self.split], self.lossless)
@@ -232,14 +241,15 @@ class Scene:
     """Photos with cameras, and points: made by Scene.load or Scene.build.
 
     format: "colmap", "blender", "nerfstudio" or "memory". train, test: lists of View. extent:
-    radius of the cameras in scene units. center: their mean. context: the Context.
+    radius of the cameras in scene units. center: their mean. white_background: what training and
+    evaluate draw on, else black. context: the Context.
     """
 
     def __init__(self, handle, context):
         self._handle, self.context = handle, context
         info = _core.scene_info(handle)
         self.format, self.extent, self.center = info["format"], info["extent"], info["center"]
-        self._points = info["points"]
+        self._points, self.white_background = info["points"], info["white_background"]
         self._names = [v["name"] for v in info["train"]]  # train may be changed
         self.train = [self._view(v, False, i) for i, v in enumerate(info["train"])]
         self.test = [self._view(v, True, i) for i, v in enumerate(info["test"])]
@@ -275,6 +285,13 @@ class Scene:
         """
         context = _context(context)
         count = 0
+        files = {row["name"] for row in options("scene")} - {"test-every", "white-background"}
+        for name in params:
+            if name.rstrip("_").replace("_", "-") in files:
+                raise UsageError(f"{name}: found with views that are no files, expected test_every "
+                                 "or white_background")
+        if points is None and colors is not None:
+            raise UsageError("colors: found without points, expected both")
         if points is not None:
             count = _shape_rows(points, "points")
             if colors is not None and _shape_rows(colors, "colors") != count:
@@ -504,6 +521,12 @@ def _defended(scene, audit, params):
         found = dict(_core.automatic(scene._handle, audit, tolerance))
         own = {name: found.pop(name) for name in own}
     given = {name.rstrip("_"): value for name, value in params.items() if value is not None}
+    mcmc = given.get("strategy") == "mcmc"  # moves the Gaussians that the filter would remove
+    if mcmc:
+        found["rho"] = 0
+        found.pop("filter_frequency", None)
+    if mcmc or "rho" in given:  # a rho of one's own comes without
+        found.pop("rho_least", None)
     return {**found, **given}, own
 
 
@@ -541,6 +564,9 @@ class Trainer:
             defense = True if defense is None else defense
         if defense is not None:
             params["defense"] = defense
+        if defense in (True, "spectral") and params.get("strategy") == "mcmc" and \
+                params.get("rho") is None:
+            params["rho"] = 0  # MCMC moves the Gaussians that the filter would remove
         model = None if initial is None else _expect(initial, Model, "initial")._handle
         self._handle, self.iterations = _core.trainer_new(
             scene._handle, model, params, _floats(tolerances), _floats(view_weights), audited,
@@ -602,12 +628,15 @@ def evaluate(model, scene, split="test", match_colors=False, fps=False, **params
     pixels: {psnr, ssim, views: [{name, psnr, ssim}]}, and what is asked for: fps, corrected_psnr,
     corrected_ssim. match_colors: also after matching the colours of renders and photos. Renders
     have the appearance that params ask for, also where a test photo has one of its own. fps:
-    measures frames per second. params: of Renderer, for a Model."""
+    measures frames per second. params: of Renderer, for a Model; its background is the scene's,
+    while a Renderer has its own."""
     _expect(model, (Model, Renderer), "model"), _expect(scene, Scene, "scene")
     _flag(match_colors, "match_colors"), _flag(fps, "fps")
     if params and isinstance(model, Renderer):
         raise UsageError(f"{next(iter(params))}: found with a Renderer, which has its own, expected "
                          "a Model")
+    if isinstance(model, Model):
+        params.setdefault("background", (float(scene.white_background),) * 3)
     renderer = model if isinstance(model, Renderer) else Renderer(model, **params)
     if split not in ("train", "test"):
         raise UsageError(f'split: found {split!r}, expected "train" or "test"')

@@ -55,6 +55,7 @@ class Scene:
     format: str
     extent: float
     center: Tuple[float, float, float]
+    white_background: bool
     train: List[View]
     test: List[View]
     @classmethod

@@ -25,11 +25,15 @@ static void on_log(void *priv, enum sg_log_level level, const char *message)
     PyErr_Fetch(&type, &value, &trace); /* another callback may have left one */
     PyObject *text = PyUnicode_DecodeUTF8(message, (Py_ssize_t) strlen(message), "replace");
     PyObject *done = text ? PyObject_CallFunction(c->log, "iO", (int) level, text) : NULL;
-    if (!done)
+    /* Ctrl-C on the thread that called the library stays, and is raised where the call ends. */
+    const bool stop = !done && !type && PyErr_ExceptionMatches(PyExc_KeyboardInterrupt) &&
+                      atomic_load(&c->owner) == PyThread_get_thread_ident();
+    if (!done && !stop)
         PyErr_WriteUnraisable(c->log);
     Py_XDECREF(text);
     Py_XDECREF(done);
-    PyErr_Restore(type, value, trace);
+    if (!stop)
+        PyErr_Restore(type, value, trace);
     PyGILState_Release(state);
 }
 
@@ -544,13 +548,17 @@ bool params_set(const struct sg_option *rows, void *params, PyObject *dict, PyOb
         if (good) {
             const char *n = PyBytes_AsString(name);
             char expected[160] = "";
-            const struct sg_option *row = sg_option_find(rows, n);
+            const bool whole = (size_t) PyBytes_Size(name) == strlen(n);
+            const struct sg_option *row = whole ? sg_option_find(rows, n) : NULL;
             const bool is_switch = row && row->type == SG_OPTION_SWITCH;
             if (!row)
                 PyErr_Format(PyExc_TypeError,
                              "found parameter %R, which is none of these; see "
                              "splatguard.options()",
                              key);
+            else if ((size_t) PyBytes_Size(text) != strlen(PyBytes_AsString(text)))
+                PyErr_Format(errors[-SG_ERR_USAGE], "%s: found %R, expected no zero byte", n,
+                             value);
             else if (is_switch && PyBool_Check(value))
                 *(bool *) ((char *) params + row->offset) = value == Py_True;
             else if (!sg_option_set(row, params, PyBytes_AsString(text), expected,

@@ -63,7 +63,7 @@ static PyObject *model_read(PyObject *module, PyObject *args)
     struct handle *h = handle_new(MODEL, c, NULL);
     const bool good =
         h && CALL(c, sg_run_find_model(c->ctx, PyBytes_AsString(path), 0, file, sizeof(file))
-                         ?: sg_model_read(c->ctx, file, most, &h->model));
+                         ?: sg_model_read_drawable(c->ctx, file, most, &h->model));
     Py_DECREF(path);
     return made(h, good);
 }

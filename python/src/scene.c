@@ -203,8 +203,9 @@ static PyObject *scene_info(PyObject *module, PyObject *args)
     PyObject *train = view_list(s->train, s->n_train),
              *test = train ? view_list(s->test, s->n_test) : NULL,
              *dict =
-                 test ? Py_BuildValue("{s:s,s:d,s:(ddd),s:n,s:O,s:O}", "format",
-                                      sg_scene_format_name(s->format), "extent", s->extent,
+                 test ? Py_BuildValue("{s:s,s:O,s:d,s:(ddd),s:n,s:O,s:O}", "format",
+                                      sg_scene_format_name(s->format), "white_background",
+                                      s->white_background ? Py_True : Py_False, "extent", s->extent,
                                       "center", s->center[0], s->center[1], s->center[2], "points",
                                       (Py_ssize_t) s->n_points, "train", train, "test", test)
                       : NULL;

@@ -77,6 +77,7 @@ static PyObject *trainer_new(PyObject *module, PyObject *args)
         return NULL;
     }
     const size_t views = scene->scene->n_train;
+    p.white_background = scene->scene->white_background; /* no option: as the scene was loaded */
     const char *checkpoint = path ? PyBytes_AsString(path) : NULL;
     sg_ctx *ctx = scene->context->ctx;
     bool good = !PyList_Append(keep, (PyObject *) scene) &&

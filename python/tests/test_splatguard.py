@@ -477,6 +477,65 @@ def test_evaluate():
     assert abs(10 * math.log10(255**2 / mse) - scores["views"][0]["psnr"]) < 0.05
 
 
+@pytest.mark.parametrize("white", [False, True])
+def test_background_is_that_of_the_scene(white):
+    """What is hardly there shows the background: white photos fit a white one."""
+    photos = np.full((SIDE, SIDE, 3), 255, np.uint8)
+    scene = sg.Scene.build([sg.View(f"v{k}", camera(k), photos) for k in range(3)],
+                           white_background=white)
+    model = model_of()
+    model["opacity"] = np.full((30, 1), -12, np.float32)
+    found = sg.evaluate(model, scene, split="train")["psnr"]
+    loss = sg.Trainer(scene, initial=model, iterations=1).step()["l1"]
+    assert scene.white_background is white
+    assert (found > 60 and loss < 0.01) if white else (found < 1 and loss > 0.9)
+    assert sg.evaluate(model, scene, split="train", background=(1, 1, 1))["psnr"] > 60
+
+
+def test_mcmc_with_a_defense():
+    scene = scene_of()
+    found = json.loads(json.dumps(sg.audit(scene)))
+    for params in (dict(audit=found), dict(defense=True)):
+        assert len(sg.train(scene, strategy="mcmc", cap_max=200, **SHORT, **params))
+
+
+def test_lazy_photos_have_the_shape_of_their_camera():
+    c = sg.Camera(32, 24, 30)
+    image = np.zeros((24, 32, 3), np.uint8)
+    for axes in ((1, 0, 2), (2, 0, 1)):
+        wrong = np.ascontiguousarray(image.transpose(axes))
+        with pytest.raises(sg.UsageError, match="^a: found an (image|array) of"):
+            sg.Scene.build([sg.View("a", c, lambda: wrong)])
+    assert len(sg.Scene.build([sg.View("a", c, lambda: image)]).train) == 1
+
+
+def test_scenes_from_memory_refuse_what_is_for_files():
+    views = [sg.View("a", camera(0), photo(0))]
+    for params in (dict(smooth="bilateral"), dict(downscale=2), dict(strict=True)):
+        with pytest.raises(sg.UsageError, match="^" + next(iter(params)) + ": found with views"):
+            sg.Scene.build(views, **params)
+    with pytest.raises(sg.UsageError, match="^colors: found without points"):
+        sg.Scene.build(views, colors=np.zeros((1, 3), np.uint8))
+    with pytest.raises(TypeError):
+        sg.Scene.build(views, nothing=1)
+
+
+def test_signal_inside_a_log_function_interrupts():
+    def log(level, message):
+        signal.raise_signal(signal.SIGINT)
+
+    context = sg.Context(log=log, log_level=2)
+    with pytest.raises(KeyboardInterrupt):
+        sg.train(scene_of(context=context), **SHORT)
+
+
+def test_texts_with_zero_bytes_are_refused(tmp_path):
+    with pytest.raises(sg.UsageError, match="^iterations: found"):
+        sg.train(scene_of(), iterations="3\0abc")
+    with pytest.raises(TypeError):
+        sg.train(scene_of(), **{"iterations\0abc": 3})
+
+
 def test_camera_path():
     around = [camera(2 * math.pi * k / 12) for k in range(12)]
     frames = sg.camera_path(around, 30)
