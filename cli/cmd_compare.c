@@ -250,15 +250,15 @@ static int put_comparison(FILE *f, const void *what)
     return STATUS_DONE;
 }
 
-static int write_html(const struct compare_config *c, const struct run *runs, int n)
+/* Before runs are drawn, which can take long. */
+static int check_html(const char *path)
 {
     sg_ctx *ctx;
     int code = open_context(&ctx, 1, 0, true);
     if (!code)
-        code = report(ctx, sg_output_check_file(ctx, c->html));
+        code = report(ctx, sg_output_check_file(ctx, path));
     sg_ctx_destroy(&ctx);
-    return code ? code
-                : write_whole("compare", c->html, &(struct compared){runs, n}, put_comparison);
+    return code;
 }
 
 static int print_csv(const struct run *runs, int n)
@@ -325,6 +325,8 @@ static int run_compare(const void *config, const bool *given, const char *const 
     }
     if (!code && !c->m.scene_path)
         code = check_unmeasured(given);
+    if (!code && c->html)
+        code = check_html(c->html);
     interrupt_catch();
     for (int i = 0; i < count && !code; i++) {
         code = read_run(&runs[i], positional[i]);
@@ -334,7 +336,7 @@ static int run_compare(const void *config, const bool *given, const char *const 
     if (!code)
         warn_of_views(runs, count, c->m.scene_path);
     if (!code && c->html) {
-        code = write_html(c, runs, count);
+        code = write_whole("compare", c->html, &(struct compared){runs, count}, put_comparison);
         if (!code && !c->m.quiet)
             say(stderr, "page of %d run%s written to %s\n", count, count == 1 ? "" : "s", c->html);
     } else if (!code)

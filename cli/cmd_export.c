@@ -37,7 +37,11 @@ static int run_export(const void *config, const bool *given, const char *const *
     if (choose_format(&command_export, out, &file.format))
         return STATUS_USAGE;
     interrupt_catch();
-    int code = model_views_open(&v, positional[0], &command_export, given, c, &c->m);
+    int code = model_views_find(&v, positional[0], &command_export, given, c, &c->m);
+    if (!code)
+        code = report(v.ctx, sg_output_check_file(v.ctx, out));
+    if (!code)
+        code = model_views_load(&v, &command_export, given, c, &c->m);
     if (!code && sg_model_gaussians(v.model) == v.model->count) {
         say(stderr,
             "splatguard export: %s: found Gaussians, expected anchors (train --model scaffold); "
@@ -46,11 +50,9 @@ static int run_export(const void *config, const bool *given, const char *const *
         code = STATUS_INPUT;
     }
     if (!code) {
-        int error = sg_output_check_file(v.ctx, out);
-        if (!error)
-            error =
-                sg_model_bake(v.ctx, v.model, v.views, v.n, v.eval.appearances ? v.photos : NULL,
-                              c->m.render.appearance, &baked);
+        int error =
+            sg_model_bake(v.ctx, v.model, v.views, v.n, v.eval.appearances ? v.photos : NULL,
+                          c->m.render.appearance, &baked);
         if (!error && interrupted())
             error = SG_ERR_INTERRUPTED;
         if (!error)
