@@ -451,21 +451,20 @@ int sg_poisoned_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_
 /* What the layouts have beside photos, which says where a scene is. */
 static const char *const blender[] = {"transforms_train.json", "transforms_test.json",
                                       "transforms_val.json", "points3d.ply", NULL};
-/* The images come last: without them a folder is no scene. */
-static const char *const colmap[] = {"sparse/0/cameras.bin",  "sparse/0/points3D.bin",
-                                     "sparse/0/cameras.txt",  "sparse/0/points3D.txt",
-                                     "sparse/0/points3D.ply", "sparse/cameras.bin",
-                                     "sparse/points3D.bin",   "sparse/cameras.txt",
-                                     "sparse/points3D.txt",   "sparse/points3D.ply",
-                                     "poses_bounds.npy",      "sparse/0/images.bin",
-                                     "sparse/0/images.txt",   "sparse/images.bin",
-                                     "sparse/images.txt",     NULL};
+static const char *const colmap[] = {
+    "sparse/0/cameras.bin",  "sparse/0/points3D.bin", "sparse/0/cameras.txt",
+    "sparse/0/points3D.txt", "sparse/0/points3D.ply", "sparse/cameras.bin",
+    "sparse/points3D.bin",   "sparse/cameras.txt",    "sparse/points3D.txt",
+    "sparse/points3D.ply",   "poses_bounds.npy",      NULL};
+/* Of COLMAP too, and copied last: without them a folder is no scene. */
+static const char *const images[] = {"sparse/0/images.bin", "sparse/0/images.txt",
+                                     "sparse/images.bin", "sparse/images.txt", NULL};
 static const char *const own[] = {"transforms.json", NULL};
 
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
                             const struct sg_poison_files *files, const char *folder)
 {
-    static const char *const *const layouts[] = {blender, colmap, own};
+    static const char *const *const layouts[] = {images, blender, colmap, own};
     sg_clear_error(ctx);
     int code = sg_poisoned_scene_check(ctx, scene, files);
     if (!code)
@@ -474,6 +473,34 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
         code = refuse_scene(ctx, scene, folder);
     for (size_t i = 0; i < sizeof(layouts) / sizeof(*layouts) && !code; i++)
         code = remove_cameras(ctx, folder, layouts[i]);
+    return code;
+}
+
+/* Warns of a file that is not copied because another one has been written in its place. */
+static int leave_out(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *from,
+                     const char *to, const char *name)
+{
+    char *source = sg_strf(ctx, "%s/%s", scene->path, name), *target = NULL;
+    const int code = source ? sg_path_below(ctx, to, name, &target) : SG_ERR_BUDGET;
+    if (!code && sg_folder_has(from, source) && !sg_file_exists(target))
+        sg_log(ctx, SG_LOG_WARN, "%s: not copied: it would name photos that the copy does not have",
+               source);
+    sg_free(source);
+    sg_free(target);
+    return code;
+}
+
+/* Where the images have other names, the copy has the file that was read with these. The others
+ * would name photos that the copy does not have, and are left out: readers take the same file as
+ * this program, the binary one before the text. */
+static int copy_model(sg_ctx *ctx, const struct sg_scene *scene,
+                      const struct sg_poison_files *files, const struct sg_folder *from,
+                      const char *folder)
+{
+    bool renamed;
+    int code = sg_colmap_fit_copy(ctx, scene, from, folder, saves_jpeg(scene, files), &renamed);
+    for (size_t i = 0; images[i] && !code; i++)
+        code = (renamed ? leave_out : copy)(ctx, scene, from, folder, images[i]);
     return code;
 }
 
@@ -491,9 +518,11 @@ int sg_poisoned_scene_finish(sg_ctx *ctx, const struct sg_scene *scene,
     for (size_t i = 0; names[i] && !code; i++)
         code = copy(ctx, scene, &from, folder, names[i]);
     if (!code && scene->format == SG_FORMAT_COLMAP)
-        code = sg_colmap_fit_copy(ctx, scene, &from, folder, saves_jpeg(scene, files));
-    if (code) /* what is not finished is no scene */
+        code = copy_model(ctx, scene, files, &from, folder);
+    if (code) { /* what is not finished is no scene */
+        remove_cameras(ctx, folder, images);
         remove_cameras(ctx, folder, names);
+    }
     sg_folder_close(&from);
     return code;
 }

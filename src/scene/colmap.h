@@ -77,9 +77,9 @@ int sg_colmap_points_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_points,
 /* colmap_write.c: a copy of the scene is in `folder`, whose photos have the sizes of the scene's
  * views, and the endings of sg_written_ending. Writes the cameras of the copy anew where these
  * sizes are not theirs, as pinholes: no lens of the scene is distorted. A camera whose photos have
- * several sizes stays as it is. In the file of images that is read, the names of the views become
- * those of the copy's photos. A file in which nothing changes stays. */
+ * several sizes stays as it is. *renamed: whether names of views change; then the copy gets the
+ * file of images that is read, with the names of the copy's photos. */
 int sg_colmap_fit_copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *dir,
-                       const char *folder, bool jpeg);
+                       const char *folder, bool jpeg, bool *renamed);
 
 #endif

@@ -3,7 +3,6 @@
  * names of its images. */
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "core/file.h"
 #include "core/numbers.h"
@@ -187,11 +186,15 @@ static int put_images(sg_ctx *ctx, const struct names *n, struct sg_source *in, 
     return pass(ctx, in, in->size, f);
 }
 
-static int write_images(sg_ctx *ctx, const struct names *n, const char *path)
+/* Writes the copy of the file that was read. */
+static int write_images(sg_ctx *ctx, const struct names *n)
 {
     struct sg_source in = {0};
     struct sg_file_writer w = {0};
-    int code = sg_folder_source(ctx, n->dir, n->model->images, SG_COLMAP_BYTES, &in);
+    char *path;
+    int code = sg_path_below(ctx, n->folder, n->model->images + strlen(n->dir->path) + 1, &path);
+    if (!code)
+        code = sg_folder_source(ctx, n->dir, n->model->images, SG_COLMAP_BYTES, &in);
     if (!code)
         code = sg_file_create(ctx, &w, path);
     if (!code)
@@ -200,35 +203,12 @@ static int write_images(sg_ctx *ctx, const struct names *n, const char *path)
         code = sg_file_commit(ctx, &w);
     sg_file_abandon(&w);
     sg_source_close(&in);
-    return code;
-}
-
-/* Writes the file that was read. The others would name photos that the copy does not have, and are
- * left out: readers take the same file as this program, the binary one before the text. */
-static int rename_images(sg_ctx *ctx, const struct names *n)
-{
-    static const char *const files[] = {"sparse/0/images.bin", "sparse/0/images.txt",
-                                        "sparse/images.bin", "sparse/images.txt"};
-    const char *own = n->model->images + strlen(n->dir->path) + 1;
-    int code = SG_OK;
-    for (size_t i = 0; i < sizeof(files) / sizeof(*files) && !code; i++) {
-        char *path;
-        code = sg_path_below(ctx, n->folder, files[i], &path);
-        if (!code && sg_file_exists(path)) {
-            if (!strcmp(files[i], own))
-                code = write_images(ctx, n, path);
-            else if (!unlink(path))
-                sg_log(ctx, SG_LOG_WARN,
-                       "%s/%s: not copied: photos of the copy have other names, and %s is read",
-                       n->dir->path, files[i], n->model->images);
-        }
-        sg_free(path);
-    }
+    sg_free(path);
     return code;
 }
 
 int sg_colmap_fit_copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *dir,
-                       const char *folder, bool jpeg)
+                       const char *folder, bool jpeg, bool *renamed)
 {
     struct sg_colmap_model m;
     struct names names = {.model = &m, .dir = dir, .folder = folder, .jpeg = jpeg};
@@ -236,6 +216,7 @@ int sg_colmap_fit_copy(sg_ctx *ctx, const struct sg_scene *scene, const struct s
     const struct sg_shot **sorted = NULL;
     struct size *sizes = NULL;
     bool changed = false;
+    *renamed = false;
     int code = sg_colmap_read_model(ctx, dir, NULL, UINT32_MAX, &m, shots);
     if (code)
         goto done;
@@ -251,8 +232,8 @@ int sg_colmap_fit_copy(sg_ctx *ctx, const struct sg_scene *scene, const struct s
         changed |= fit_camera(&m.cameras.items[i], &sizes[i]);
     for (int text = 0; text < 2 && changed && !code; text++)
         code = write_cameras(ctx, &m.cameras, folder, m.folder + strlen(dir->path) + 1, text);
-    if (!code && find_changes(&names))
-        code = rename_images(ctx, &names);
+    if (!code && (*renamed = find_changes(&names)))
+        code = write_images(ctx, &names);
 done:
     sg_free(sorted);
     sg_free(names.changed);
