@@ -521,12 +521,11 @@ def _defended(scene, audit, params):
         found = dict(_core.automatic(scene._handle, audit, tolerance))
         own = {name: found.pop(name) for name in own}
     given = {name.rstrip("_"): value for name, value in params.items() if value is not None}
-    mcmc = given.get("strategy") == "mcmc"  # moves the Gaussians that the filter would remove
-    if mcmc:
-        found["rho"] = 0
-        found.pop("filter_frequency", None)
-    if mcmc or "rho" in given:  # a rho of one's own comes without
-        found.pop("rho_least", None)
+    unused = ["rho_least"] if "rho" in given else []  # a rho of one's own comes without
+    if given.get("strategy") == "mcmc":  # see Trainer
+        unused = ["rho", "rho_least", "filter_frequency"]
+    for name in unused:
+        found.pop(name, None)
     return {**found, **given}, own
 
 
@@ -564,8 +563,8 @@ class Trainer:
             defense = True if defense is None else defense
         if defense is not None:
             params["defense"] = defense
-        if defense in (True, "spectral") and params.get("strategy") == "mcmc" and \
-                params.get("rho") is None:
+        on = defense not in (None, False, "off")
+        if on and params.get("strategy") == "mcmc" and params.get("rho") is None:
             params["rho"] = 0  # MCMC moves the Gaussians that the filter would remove
         model = None if initial is None else _expect(initial, Model, "initial")._handle
         self._handle, self.iterations = _core.trainer_new(
