@@ -7,7 +7,10 @@
 From bench/results/evening.tsv it writes evening-PHOTOS.tsv for each kind of photos: a row is a defense, a column a
 scene, whose cells are the most Gaussians as a multiple of clean training, PSNR and SSIM. The best values of a column
 are bold. From tolerance.tsv it writes tolerance-back.tsv: a row is a poisoned set, a column a defense, whose cells are
-the shares of the lost PSNR and SSIM that come back, and the Gaussians as a multiple of clean training."""
+the shares of the lost PSNR and SSIM that come back, and the Gaussians as a multiple of clean training. From desk.tsv
+it writes desk-back.tsv: a row is a defense, a column a kind of photos, whose cells are the shares of the lost PSNR, of
+that on the object and of the SSIM, and the most Gaussians as a multiple of clean training; or what is lost, for clean
+photos and without a defense."""
 import csv
 import os
 
@@ -68,9 +71,46 @@ def write_tolerance():
                   sep="\t", file=out)
 
 
+VIEWS = ["PSNR, dB", "object PSNR, dB", "SSIM"]
+
+
+def views(row):
+    return [float(row[column].lstrip("*")) for column in VIEWS]
+
+
+def tail(rows):
+    return [", ".join(unique(r[column] for r in rows)) for column in ("commit", "machine")]
+
+
+def write_desk_back(rows):
+    kinds = unique(r["photos"] for r in rows if r["photos"] != "clean")
+    of = {(r["scene"], r["photos"], r["defense"]): r for r in rows}
+    with open(os.path.join(RESULTS, "desk-back.tsv"), "w") as out:
+        print("scene", "defense", "clean", *kinds, "commit", "machine", sep="\t", file=out)
+        for scene, defense in unique((r["scene"], r["defense"]) for r in rows):
+            clean = views(of[scene, "clean", "off"])
+
+            def cell(photos):
+                row, off = of.get((scene, photos, defense)), of.get((scene, photos, "off"))
+                if not row or not off:
+                    return ""
+                lost = [c - v for c, v in zip(clean, views(off))]
+                if photos == "clean" or defense == "off":
+                    psnr, only, ssim = (v - c for v, c in zip(views(row), clean))
+                    text = f"{psnr:+.2f} / {only:+.2f} dB / {ssim:+.3f}"
+                else:
+                    text = " / ".join(str(round(100 * (v - o) / n)) for v, o, n in zip(views(row), views(off), lost)) + " %"
+                best = "*" if row["PSNR, dB"].startswith("*") else ""
+                return f"{best}{text}; {row['of clean']}"
+
+            print(scene, defense, *(cell(p) for p in ("clean", *kinds)),
+                  *tail([r for r in rows if (r["scene"], r["defense"]) == (scene, defense)]), sep="\t", file=out)
+
+
 def main():
     write_evening()
     write_tolerance()
+    write_desk_back(read("desk.tsv"))
 
 
 if __name__ == "__main__":

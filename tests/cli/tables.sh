@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# scripts/tables fills pages from TSV files, and notices pages and files that do not fit; bench/overview.py.
+# scripts/tables fills pages from TSV files, and notices pages and files that do not fit; bench/overview.py and desk.py.
 . "$(dirname "$0")/common.sh"
 mkdir -p scripts docs/design bench/results
 cp "$source_dir/scripts/tables" scripts
@@ -69,9 +69,54 @@ if command -v python3 >/dev/null; then
     mkdir side
     cp "$source_dir"/bench/overview.py side
     mkdir side/results
-    cp "$source_dir"/bench/results/evening.tsv "$source_dir"/bench/results/tolerance.tsv side/results
+    for table in evening tolerance desk; do
+        cp "$source_dir/bench/results/$table.tsv" side/results
+    done
     python3 side/overview.py || fail "bench/overview.py failed"
     for table in side/results/*-*.tsv; do
         cmp "$table" "$source_dir/bench/results/${table##*/}" || fail "bench/overview.py writes another $table"
+    done
+
+    # bench/desk.py puts the runs of a database into the tables.
+    mkdir -p side/plans side/data/made
+    cp "$source_dir/bench/desk.py" side
+    rm side/results/*
+    cat >side/plans/desk.json <<'end'
+{"scenes": {"made": {"path": "made"}}, "photos": {"clean": [], "eps8": []}, "defenses": {"off": [], "cap": [], "half": []},
+ "runs": [{"photos": ["clean", "eps8"], "defenses": ["off", "cap"]}, {"photos": ["clean"], "defenses": ["off"]},
+          {"photos": ["clean"], "defenses": ["half"]}]}
+end
+    python3 - <<'end'
+import sqlite3
+
+db = sqlite3.connect("side/results.db")
+db.execute("CREATE TABLE job(key, kind, status, commit_id)")
+db.execute("CREATE TABLE cell(key, scene, photos, defense, seed)")
+db.execute("CREATE TABLE metric(key, name, value)")
+for key, photos, defense, seed, status, values in (
+        ("a", "clean", "off", 1, "done", (100, 90, 30.0, 0.9, 2e6, 50)),
+        ("b", "clean", "off", 2, "done", (300, 110, 31.0, 0.8, 4e6, 50)),
+        ("c", "eps8", "off", 1, "done", (400, 400, 20.0, 0.5, 8e6, 50)),
+        ("d", "eps8", "cap", 1, "done", (200, 200, 21.0, 0.5, 8e6, 20)),
+        ("e", "clean", "half", 1, "done", (100, 100, 29.0, 0.9, 8e6, 50)),
+        ("f", "clean", "cap", 1, "failed", ())):
+    db.execute("INSERT INTO job VALUES(?, 'train', ?, '0123456789')", (key, status))
+    db.execute("INSERT INTO cell VALUES(?, 'made', ?, ?, ?)", (key, photos, defense, seed))
+    names = ("max_gaussians", "final_gaussians", "eval.psnr", "eval.ssim", "peak_ledger_bytes", "steps")
+    for name, value in (*zip(names, values), ("iterations", 50)):
+        db.execute("INSERT INTO metric VALUES(?, ?, ?)", (key, name, value))
+db.commit()
+end
+    for time in first second; do
+        python3 side/desk.py side/results.db here side/data || fail "bench/desk.py failed the $time time"
+        sed 1d side/results/desk.tsv | tr '\t' ';' >got
+        cat >expected <<'end'
+made;clean;off;2;200;1.00;100;30.50;;0.850;3;0123456;here
+made;eps8;off;1;400;2.00;400;20.00;;*0.500;8;0123456;here
+made;eps8;cap;1;200;1.00;200;*21.00;;*0.500;;0123456;here
+end
+        cmp expected got || fail "bench/desk.py wrote the $time time: $(cat got)"
+        [ "$(sed 1d side/results/desk-limits.tsv | cut -f 2,3,6,8)" = "$(printf 'clean\thalf\t0.50\t29.00')" ] ||
+            fail "bench/desk.py wrote: $(cat side/results/desk-limits.tsv)"
     done
 fi
