@@ -210,9 +210,10 @@ struct sg_attack_run_status {
 
 /* Trains the proxy where none is given, runs the attack, writes the poisoned scene and poison.json.
  * While it runs, FOLDER/attack holds the proxy's run, the checkpoint and the log; poison.json comes
- * last and marks a finished attack. status may be NULL. Errors: those of sg_run_open, sg_run_train,
- * sg_attack_create, sg_attack_resume and sg_poisoned_scene_begin; SG_ERR_INTERRUPTED. After an
- * error of a new attack nothing is left unless it can be resumed. */
+ * last and marks a finished attack. A finished one that is replaced stays until the new proxy is
+ * trained. status may be NULL. Errors: those of sg_run_open, sg_run_train, sg_attack_create,
+ * sg_attack_resume and sg_poisoned_scene_begin; SG_ERR_INTERRUPTED. After an error of a new attack
+ * nothing of it is left unless it can be resumed. */
 SG_API int sg_attack_run(sg_ctx *ctx, const struct sg_attack_run_params *params,
                          enum sg_run_start start, struct sg_attack_run_status *status);
 

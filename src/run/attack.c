@@ -68,6 +68,26 @@ static void apply_preset(struct attack_run *r)
     r->status->iterations = p->iterations;
 }
 
+static void remove_file(sg_ctx *ctx, const char *folder, const char *name)
+{
+    char *path = sg_strf(ctx, "%s/%s", folder, name);
+    if (path)
+        unlink(path);
+    sg_free(path);
+}
+
+/* Until this attack ends, the images of an earlier one must not be taken for its own. */
+static int remove_earlier(struct attack_run *r)
+{
+    static const char *const files[] = {"poison.json", "attack/log.jsonl", "attack/decoy.ply",
+                                        "attack/networks.safetensors"};
+    const struct sg_attack_run_params *p = r->params;
+    const int code = sg_poisoned_scene_begin(r->ctx, r->scene, &p->files, p->folder);
+    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]) && !code; i++)
+        remove_file(r->ctx, p->folder, files[i]);
+    return code;
+}
+
 /* Whether all iterations of the proxy are done, by the summary of its run. */
 static bool has_proxy(sg_ctx *ctx, const char *folder)
 {
@@ -79,6 +99,11 @@ static bool has_proxy(sg_ctx *ctx, const char *folder)
     const bool done = json_is_false(json_object_get(s, "interrupted"));
     json_decref(s);
     return done;
+}
+
+static bool trains_proxy(const struct sg_attack_run_params *p)
+{
+    return p->method == SG_METHOD_POISON_SPLAT && !p->proxy;
 }
 
 /* Parameters of the proxy's training, or those that it was begun with. */
@@ -105,7 +130,8 @@ static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, c
     return t;
 }
 
-/* Trains the proxy like any run, in FOLDER/attack/proxy, or continues it. */
+/* Trains the proxy like any run, in FOLDER/attack/proxy, or continues it. An earlier attack is
+ * removed when that is done. */
 static int train_proxy(struct attack_run *r, char model[PATH_MAX])
 {
     const struct sg_attack_run_params *p = r->params;
@@ -113,6 +139,7 @@ static int train_proxy(struct attack_run *r, char model[PATH_MAX])
     sg_run *run = NULL;
     if (!folder)
         return SG_ERR_BUDGET;
+    sg_scene_destroy(&r->scene); /* the proxy's run loads it itself */
     const bool begun = sg_run_has(r->ctx, folder, "checkpoint.bin"),
                done = r->resume && !begun && has_proxy(r->ctx, p->folder),
                resume = r->resume && begun;
@@ -135,12 +162,14 @@ static int train_proxy(struct attack_run *r, char model[PATH_MAX])
         if (!code && !has_proxy(r->ctx, p->folder))
             code =
                 sg_fail(r->ctx, SG_ERR_BUDGET, "%s: memory did not suffice for the proxy", folder);
-        char *checkpoint = sg_strf(r->ctx, "%s/checkpoint.bin", folder);
-        if (!code && checkpoint)
-            unlink(checkpoint); /* marks it as complete; only its model is needed */
-        sg_free(checkpoint);
     }
     r->has_proxy = !code;
+    if (!code)
+        code = load_scene(r);
+    if (!done && !code)
+        code = remove_earlier(r);
+    if (!done && !code)
+        remove_file(r->ctx, folder, "checkpoint.bin"); /* it is complete: its model is enough */
     if (!code)
         code = sg_run_find_model(r->ctx, folder, 0, model, PATH_MAX);
     sg_run_params_clear(&own);
@@ -294,6 +323,13 @@ static bool has_checkpoint(sg_ctx *ctx, const char *folder)
            sg_run_has(ctx, folder, "attack/proxy/checkpoint.bin");
 }
 
+/* The folder holds a whole attack, and no other one that has begun to train its proxy. */
+static bool is_finished(sg_ctx *ctx, const char *folder)
+{
+    return sg_run_has(ctx, folder, "poison.json") && !has_checkpoint(ctx, folder) &&
+           (!sg_run_has(ctx, folder, "attack/proxy/config.json") || has_proxy(ctx, folder));
+}
+
 /* The folder holds nothing to continue from and nothing to use. */
 static bool is_lost(sg_ctx *ctx, const char *folder)
 {
@@ -301,32 +337,37 @@ static bool is_lost(sg_ctx *ctx, const char *folder)
            !has_proxy(ctx, folder);
 }
 
-static void remove_file(sg_ctx *ctx, const char *folder, const char *name)
+static void discard_proxy(sg_ctx *ctx, const char *folder)
 {
-    char *path = sg_strf(ctx, "%s/%s", folder, name);
-    if (path)
-        unlink(path);
-    sg_free(path);
+    char *proxy = sg_strf(ctx, "%s/attack/proxy", folder);
+    if (proxy) {
+        sg_run_discard(proxy);
+        remove_file(ctx, proxy, SG_OUTPUT_MARK);
+        rmdir(proxy); /* where it is empty */
+    }
+    sg_free(proxy);
 }
 
-/* Makes FOLDER/attack with its config.json. Removes what an earlier attack left. */
+/* Makes FOLDER/attack with its config.json. Removes what an earlier attack left to continue from,
+ * and all of it unless it is whole and a proxy is trained first, which can fail. */
 static int begin_files(struct attack_run *r)
 {
-    static const char *const files[] = {"poison.json",
-                                        "attack/checkpoint.bin",
-                                        "attack/log.jsonl",
-                                        "attack/decoy.ply",
-                                        "attack/networks.safetensors",
-                                        "attack/proxy/summary.json",
+    static const char *const files[] = {"attack/checkpoint.bin", "attack/proxy/summary.json",
                                         "attack/proxy/checkpoint.bin"};
     const struct sg_attack_run_params *p = r->params;
     char *state = sg_strf(r->ctx, "%s/attack", p->folder);
-    const int code = state ? sg_dir_create(r->ctx, state) : SG_ERR_BUDGET;
+    int code = state ? SG_OK : SG_ERR_BUDGET;
+    if (!code && !(trains_proxy(p) && sg_run_has(r->ctx, p->folder, "poison.json")))
+        code = remove_earlier(r);
+    if (!code)
+        code = sg_dir_create(r->ctx, state);
     sg_free(state);
     if (code)
         return code;
     for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++)
         remove_file(r->ctx, p->folder, files[i]);
+    if (!trains_proxy(p))
+        discard_proxy(r->ctx, p->folder);
     return write_config(r);
 }
 
@@ -336,15 +377,10 @@ static void remove_begun(sg_ctx *ctx, const char *folder)
 {
     remove_file(ctx, folder, "attack/config.json");
     remove_file(ctx, folder, "attack/log.jsonl");
-    char *state = sg_strf(ctx, "%s/attack", folder),
-         *proxy = state ? sg_strf(ctx, "%s/proxy", state) : NULL;
-    if (proxy) {
-        sg_run_discard(proxy);
-        remove_file(ctx, proxy, SG_OUTPUT_MARK);
-        rmdir(proxy); /* where it is empty */
-        rmdir(state);
-    }
-    sg_free(proxy);
+    discard_proxy(ctx, folder);
+    char *state = sg_strf(ctx, "%s/attack", folder);
+    if (state)
+        rmdir(state); /* where it is empty */
     sg_free(state);
 }
 
@@ -360,12 +396,9 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     const struct sg_attack_run_params *p = r->params;
     const bool splat = p->method == SG_METHOD_POISON_SPLAT;
     int code = SG_OK;
-    if (splat && !model[0]) { /* the proxy's run loads the scene itself */
-        sg_scene_destroy(&r->scene);
+    if (trains_proxy(p)) {
         code = train_proxy(r, model);
         r->proxy = model;
-        if (!code)
-            code = load_scene(r);
     }
     if (code)
         return code;
@@ -424,10 +457,7 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
         code = make_decoy(r);
     if (!code && !r->resume) {
         *fresh = !sg_run_has_files(p->folder);
-        /* Until this one ends, the images of an earlier attack must not be taken for its own. */
-        code = sg_poisoned_scene_begin(r->ctx, r->scene, &p->files, p->folder);
-        if (!code)
-            code = begin_files(r);
+        code = begin_files(r);
     } else if (!code && !sg_run_has(r->ctx, p->folder, "attack/checkpoint.bin"))
         code = write_config(r);
     return code;
@@ -464,8 +494,7 @@ int sg_attack_run(sg_ctx *ctx, const struct sg_attack_run_params *p, enum sg_run
         code = sg_config_check(ctx, sg_attack_run_config, p);
     if (code)
         return code;
-    r.status->finished = r.resume && sg_run_has(ctx, p->folder, "poison.json") &&
-                         !sg_run_has(ctx, p->folder, "attack/checkpoint.bin");
+    r.status->finished = r.resume && is_finished(ctx, p->folder);
     if (!r.status->finished) {
         code = sg_output_claim_by(ctx, p->folder, &rules, &output);
         if (!code)

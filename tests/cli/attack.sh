@@ -68,7 +68,7 @@ for image in poisoned/train/*.png; do
     cmp "cut/train/${image##*/}" "whole/train/${image##*/}" || fail "resumed at $reached, other poisons"
 done
 
-# An interrupted proxy is continued too. The images of the attack that it replaces are no scene any more.
+# An earlier attack stays until a proxy is trained for the one that replaces it, which continues with the proxy.
 expect 0 attack scene/colmap -o early --method noise --quiet
 expect 0 info early
 echo ply >early.ply
@@ -76,7 +76,16 @@ expect 2 attack scene/colmap -o early --force --proxy early.ply --quiet; says 'e
 expect 0 info early
 expect 2 attack scene/colmap -o early --force --proxy seed --model scaffold --quiet; says 'seed/point_cloud'
 expect 0 info early
-"$tool" attack scene/colmap -o early --force $(once $options --proxy-iterations 20000) 2>err &
+replacing=$(once $options --proxy-iterations 20000 --iterations 20)
+find early/images early/sparse early/poison.json -type f -exec cksum {} + >before
+unchanged() {
+    find early/images early/sparse early/poison.json -type f -exec cksum {} + | cmp -s - before || fail "$* took the earlier attack"
+    expect 0 info early
+}
+(trap '' XFSZ; ulimit -f 16; "$tool" attack scene/colmap -o early --force $replacing >out 2>err)
+says 'File too large'; unchanged "a proxy that failed"
+expect 0 attack --resume early; says 'the attack is finished' # it is the earlier one
+"$tool" attack scene/colmap -o early --force $replacing 2>err &
 pid=$!
 wait_for early/attack/proxy/log.jsonl
 interrupt $pid
@@ -84,6 +93,21 @@ interrupt $pid
 [ -s early/attack/proxy/checkpoint.bin ] || fail "the proxy is not saved"
 says 'attack --resume early'
 grep -q 'train --resume' err && fail "the proxy's own command continues no attack"
+unchanged "an interrupted proxy"
+rm early/attack/proxy/log.jsonl # to see the next one begin
+"$tool" attack scene/colmap -o early --force $replacing 2>err &
+pid=$!
+wait_for early/attack/proxy/log.jsonl
+kill -9 $pid 2>/dev/null
+wait $pid 2>/dev/null
+unchanged "a killed proxy"
+sed -i "s/\"proxy-iterations\": 20000/\"proxy-iterations\": $proxy/" early/attack/config.json
+expect 0 attack --resume early -q
+grep -q '"method": "poison-splat"' early/poison.json || fail "a killed proxy is not continued"
+"$tool" attack scene/colmap -o early --force $(once $options --proxy seed --iterations 20000) 2>err &
+pid=$!
+wait_for early/attack/log.jsonl
+interrupt $pid
 expect 2 train early -o none; says 'early: found no scene'
 
 # What cannot be written does not cost the attack.
