@@ -194,10 +194,11 @@ SG_API void sg_poison_report_clear(struct sg_poison_report *report);
  * Errors: those of sg_scene_load. */
 SG_API int sg_poisoned_scene_load(sg_ctx *ctx, const char *path,
                                   const struct sg_scene_params *params, struct sg_scene **out);
-/* Makes the folder. Cameras that another set left there are removed. Errors: SG_ERR_USAGE for the
- * scene's own folder and a quality out of range; SG_ERR_INPUT for links in the folder, names that
- * are not UTF-8 or too long, two images whose names differ only in their endings, and files that
- * cannot be read or written; SG_ERR_BUDGET. */
+/* Makes the folder. Cameras that another set left there are removed, and what a killed process left
+ * unfinished: one process at a time writes to a folder. Errors: SG_ERR_USAGE for the scene's own
+ * folder and a quality out of range; SG_ERR_INPUT for links in the folder, names that are not UTF-8
+ * or too long, two images whose names differ only in their endings, and files that cannot be read
+ * or written; SG_ERR_BUDGET. */
 SG_API int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
                                    const struct sg_poison_files *files, const char *folder);
 /* Writes the image of a training or test view, and its mask. An image that another set left there

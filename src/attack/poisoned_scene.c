@@ -2,6 +2,7 @@
 /* A copy of a scene with other images, in the layout that the scene came in. */
 #include "poisoned_scene.h"
 
+#include <dirent.h>
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>
@@ -461,10 +462,77 @@ static const char *const images[] = {"sparse/0/images.bin", "sparse/0/images.txt
                                      "sparse/images.bin", "sparse/images.txt", NULL};
 static const char *const own[] = {"transforms.json", NULL};
 
+static const char *const *const layouts[] = {images, blender, colmap, own};
+
+/* Whether copies of scenes have files of that name, the photos and masks by their endings. */
+static bool is_written(const char *name)
+{
+    bool written = sg_photo_ending(name) || !strcmp(name, CLOUD);
+    for (size_t i = 0; i < sizeof(layouts) / sizeof(*layouts) && !written; i++)
+        for (const char *const *file = layouts[i]; *file && !written; file++)
+            written = !strcmp(name, sg_base_name(*file));
+    return written;
+}
+
+/* Removes what a killed process left unfinished in the folder of the file. Nothing through a link,
+ * which is an error when the file is written. */
+static int remove_unfinished(sg_ctx *ctx, const char *folder, const char *file)
+{
+    char *path, name[NAME_MAX + 1];
+    const int code = sg_path_below(ctx, folder, file, &path);
+    if (!code)
+        *strrchr(path, '/') = 0;
+    DIR *d = code ? NULL : opendir(path);
+    for (struct dirent *e; d && (e = readdir(d));) {
+        const size_t length = sg_file_temporary(e->d_name);
+        snprintf(name, sizeof(name), "%.*s", (int) length, e->d_name);
+        if (length && is_written(name))
+            unlinkat(dirfd(d), e->d_name, 0);
+    }
+    if (d)
+        closedir(d);
+    sg_free(path);
+    if (code == SG_ERR_INPUT)
+        sg_clear_error(ctx);
+    return code == SG_ERR_INPUT ? SG_OK : code;
+}
+
+static bool is_beside(const char *file, const char *other)
+{
+    const size_t n = (size_t) (sg_base_name(file) - file);
+    return other && n == (size_t) (sg_base_name(other) - other) && !strncmp(file, other, n);
+}
+
+/* The same where photos and masks are. */
+static int remove_unfinished_photos(sg_ctx *ctx, const struct sg_scene *scene,
+                                    const struct sg_poison_files *files, const char *folder)
+{
+    const bool transforms = needs_transforms(scene);
+    char *before = NULL; /* photos of one folder mostly follow each other */
+    int code = SG_OK;
+    for (size_t i = 0; i < scene->n_train + scene->n_test && !code; i++) {
+        const struct sg_view *view =
+            i < scene->n_train ? &scene->train[i] : &scene->test[i - scene->n_train];
+        char *file = image_file(ctx, scene, view, files);
+        char *mask = file ? mask_file(ctx, scene, view, transforms, file) : NULL;
+        code = mask ? SG_OK : SG_ERR_BUDGET;
+        if (!code && !is_beside(file, before))
+            code = remove_unfinished(ctx, folder, file);
+        if (!code && !is_beside(file, before))
+            code = remove_unfinished(ctx, folder, mask);
+        sg_free(mask);
+        sg_free(before);
+        before = file;
+    }
+    sg_free(before);
+    return code;
+}
+
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
                             const struct sg_poison_files *files, const char *folder)
 {
-    static const char *const *const layouts[] = {images, blender, colmap, own};
+    static const char *const places[] = {"transforms.json", "sparse/0/images.bin",
+                                         "sparse/images.bin"};
     sg_clear_error(ctx);
     int code = sg_poisoned_scene_check(ctx, scene, files);
     if (!code)
@@ -473,7 +541,9 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
         code = refuse_scene(ctx, scene, folder);
     for (size_t i = 0; i < sizeof(layouts) / sizeof(*layouts) && !code; i++)
         code = remove_cameras(ctx, folder, layouts[i]);
-    return code;
+    for (size_t i = 0; i < sizeof(places) / sizeof(*places) && !code; i++)
+        code = remove_unfinished(ctx, folder, places[i]);
+    return code ? code : remove_unfinished_photos(ctx, scene, files, folder);
 }
 
 /* Warns of a file that is not copied because another one has been written in its place. */

@@ -101,6 +101,15 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
     return SG_OK;
 }
 
+size_t sg_file_temporary(const char *name)
+{
+    const char *ending = strrchr(name, '.');
+    if (!ending || strncmp(ending, ".tmp", 4))
+        return 0;
+    const size_t digits = strspn(ending + 4, "0123456789");
+    return digits && !ending[4 + digits] ? (size_t) (ending - name) : 0;
+}
+
 int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w)
 {
     const bool done = finish_temporary(w->stream, w->temporary, w->path);

@@ -34,6 +34,9 @@ int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size);
 int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 
+/* Of the name of a temporary file: the length of what the file was to be called. Else 0. */
+size_t sg_file_temporary(const char *name);
+
 /* Numbers as bytes, the lowest first on every machine. Errors are those of the stream. */
 void sg_put_int(FILE *to, uint64_t value, int bytes);
 void sg_put_real(FILE *to, double value);

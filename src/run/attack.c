@@ -270,9 +270,8 @@ static int read_proxy(struct attack_run *r, struct sg_model **model)
     return code;
 }
 
-static int resume_decoy(struct attack_run *r, const char *state, const char *saved)
+static int resume_decoy(struct attack_run *r, const char *saved)
 {
-    sg_run_remove_temporary(state);
     int code = sg_run_check_inside(r->ctx, r->params->folder, "attack/checkpoint.bin");
     if (!code)
         code = sg_attack_resume(r->ctx, r->scene, saved, &r->attack_params, &r->attack);
@@ -283,18 +282,16 @@ static int resume_decoy(struct attack_run *r, const char *state, const char *sav
 static int make_decoy(struct attack_run *r)
 {
     struct sg_model *model = NULL;
-    char *state = sg_strf(r->ctx, "%s/attack", r->params->folder);
-    char *saved = state ? sg_strf(r->ctx, "%s/checkpoint.bin", state) : NULL;
+    char *saved = sg_strf(r->ctx, "%s/attack/checkpoint.bin", r->params->folder);
     int code = saved ? read_proxy(r, &model) : SG_ERR_BUDGET;
     const bool resume = !code && r->resume && !access(saved, F_OK);
     if (resume)
         sg_model_destroy(&model);
     if (!code)
-        code = resume ? resume_decoy(r, state, saved)
+        code = resume ? resume_decoy(r, saved)
                       : sg_attack_create(r->ctx, r->scene, model, &r->attack_params, &r->attack);
     sg_model_destroy(&model);
     sg_free(saved);
-    sg_free(state);
     return code;
 }
 
@@ -436,6 +433,18 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     return lost && r->checkpoint ? name_checkpoint(r, code) : code;
 }
 
+/* What a killed attack left unfinished, beside the scene's own files. */
+static int remove_temporary(sg_ctx *ctx, const char *folder)
+{
+    char *state = sg_strf(ctx, "%s/attack", folder);
+    if (!state)
+        return SG_ERR_BUDGET;
+    sg_run_remove_temporary(folder);
+    sg_run_remove_temporary(state);
+    sg_free(state);
+    return SG_OK;
+}
+
 /* In a folder that is claimed. *fresh: it was new or empty. */
 static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
 {
@@ -451,6 +460,8 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
     code = sg_attack_check(r->ctx, &r->attack_params);
     if (!code)
         code = sg_poisoned_scene_check(r->ctx, r->scene, &p->files);
+    if (!code)
+        code = remove_temporary(r->ctx, p->folder);
     /* Nothing of an earlier attack is removed before this one can begin. */
     r->proxy = model[0] ? model : NULL;
     if (!code && !r->resume && r->proxy)

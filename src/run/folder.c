@@ -96,21 +96,18 @@ static DIR *open_folder(int at, const char *name, int links)
     return d;
 }
 
-/* Whether a name is NAME.tmpNUMBER for a file that runs and attacks write. */
+/* Whether a name is the temporary one of a file that runs and attacks write. */
 static bool is_temporary(const char *file)
 {
     static const char *const names[] = {
-        "config.json",     "summary.json",  "log.jsonl",           "checkpoint.bin",
-        "cfg_args",        "cameras.json",  "input.ply",           "decoy.ply",
-        "point_cloud.ply", "exposure.json", "networks.safetensors"};
-    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
-        const size_t n = strlen(names[i]);
-        unsigned long long number;
-        char rest;
-        if (!strncmp(file, names[i], n) && sscanf(file + n, ".tmp%llu%c", &number, &rest) == 1)
-            return true;
-    }
-    return false;
+        "config.json",          "summary.json", "log.jsonl", "checkpoint.bin",  "cfg_args",
+        "cameras.json",         "input.ply",    "decoy.ply", "point_cloud.ply", "exposure.json",
+        "networks.safetensors", "poison.json"};
+    const size_t length = sg_file_temporary(file);
+    bool found = false;
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++)
+        found |= length == strlen(names[i]) && !strncmp(file, names[i], length);
+    return found;
 }
 
 /* Removes the unfinished files of a killed process from a folder. */

@@ -116,8 +116,25 @@ rm blocked/train/r_0.png; mkdir blocked/train/r_0.png
 expect 2 attack scene/blender -o blocked $options --force --save-every 0 --proxy seed
 says 'r_0.png'; says 'attack --resume blocked'
 rmdir blocked/train/r_0.png
+
+# What killed processes left unfinished goes, here and where an attack is replaced.
+left() {
+    mkdir -p blocked/masks/train
+    for file in train/r_0.png test/r_0.png masks/train/r_0.png.png transforms_train.json poison.json attack/config.json attack/decoy.ply; do
+        echo x >"blocked/$file.tmp4711"
+    done
+    echo mine >blocked/train/thesis.tmp1
+}
+nothing_left() {
+    [ "$(find blocked -name '*.tmp*')" = blocked/train/thesis.tmp1 ] || fail "$* leaves $(find blocked -name '*.tmp*')"
+}
+left
 expect 0 attack --resume blocked --quiet
 cmp blocked/train/r_0.png poisoned/train/r_0.png || fail "the poison of an attack that could not be written"
+nothing_left attack --resume
+left
+expect 0 attack scene/blender -o blocked --method noise --quiet --force
+nothing_left attack --force
 
 # COLMAP: JPEG as published, PNG on request; the cameras name other suffixes.
 expect 0 attack scene/colmap -o jpeg $(once $options --epsilon inf --iterations 20)
