@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Anchors of Scaffold-GS on their own: cells, start, growth and files. */
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "comma.h"
@@ -484,6 +485,21 @@ static void test_parts(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Networks do not stay without the anchors that they belong to. */
+static void test_blocked(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_random(ctx, 3, 0);
+    unlink(model_path);
+    assert_int_equal(mkdir(model_path, 0777), 0);
+    assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_ERR_INPUT);
+    assert_int_equal(access(weights_path, F_OK), -1);
+    assert_int_equal(rmdir(model_path), 0);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* A program whose locale has a decimal comma writes the same bytes, and reads them. */
 static void test_comma(void **state)
 {
@@ -590,9 +606,11 @@ static void test_weights(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_weights), cmocka_unit_test(test_cells),  cmocka_unit_test(test_start),
-        cmocka_unit_test(test_median),  cmocka_unit_test(test_growth), cmocka_unit_test(test_drop),
-        cmocka_unit_test(test_files),   cmocka_unit_test(test_parts),  cmocka_unit_test(test_comma),
+        cmocka_unit_test(test_weights), cmocka_unit_test(test_cells),
+        cmocka_unit_test(test_start),   cmocka_unit_test(test_median),
+        cmocka_unit_test(test_growth),  cmocka_unit_test(test_drop),
+        cmocka_unit_test(test_files),   cmocka_unit_test(test_parts),
+        cmocka_unit_test(test_blocked), cmocka_unit_test(test_comma),
         cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

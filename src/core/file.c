@@ -239,6 +239,16 @@ int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
     return code;
 }
 
+void sg_dir_unmake(char *path, size_t made)
+{
+    for (size_t n = strlen(path); made && n >= made; n--)
+        if (!path[n] || path[n] == '/') {
+            path[n] = 0;
+            if (rmdir(path))
+                break;
+        }
+}
+
 int sg_dir_create(sg_ctx *ctx, const char *path)
 {
     size_t made;

@@ -46,6 +46,8 @@ bool sg_dir_exists(const char *path);
 /* mkdir -p, also while other processes remove empty folders. made: length of the path of the first
  * folder that was made, or 0. After an error none is left of those. */
 int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made);
+/* Removes what sg_dir_make made, as far as it is empty. Cuts the path. */
+void sg_dir_unmake(char *path, size_t made);
 int sg_dir_create(sg_ctx *ctx, const char *path);
 
 /* FOLDER/NAME. SG_ERR_INPUT where a folder in NAME is a link: nothing is written or removed through

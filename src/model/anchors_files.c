@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <jansson.h>
 
@@ -368,8 +369,11 @@ int sg_anchors_write(sg_ctx *ctx, const struct sg_model *m, const char *path)
 {
     char *beside = networks_path(ctx, path);
     int code = beside ? write_networks(ctx, m->columns->networks, beside) : SG_ERR_BUDGET;
-    if (!code)
+    if (!code) {
         code = write_anchors(ctx, m, path);
+        if (code) /* networks are no model without their anchors */
+            unlink(beside);
+    }
     sg_free(beside);
     return code;
 }

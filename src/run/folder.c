@@ -256,32 +256,43 @@ static void remove_later(const char *run, int iteration)
     closedir(d);
 }
 
+/* A model that cannot be written leaves no folder. */
+static int write_model(sg_ctx *ctx, sg_trainer *trainer, char *path)
+{
+    struct sg_model *m = NULL;
+    size_t made;
+    char *slash = strrchr(path, '/');
+    *slash = 0;
+    int code = sg_dir_make(ctx, path, &made);
+    *slash = '/';
+    if (!code)
+        code = sg_trainer_model(trainer, &m);
+    if (!code)
+        code = sg_model_write_ply(ctx, m, path);
+    sg_model_destroy(&m);
+    if (code) {
+        *slash = 0;
+        sg_dir_unmake(path, made);
+    }
+    return code;
+}
+
 int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
                       sg_trainer *trainer, int iteration)
 {
     char name[64], *path;
     snprintf(name, sizeof(name), "point_cloud/iteration_%d/point_cloud.ply", iteration);
-    struct sg_model *m = NULL;
     const float *exposures;
     sg_clear_error(ctx);
     int code = sg_path_below(ctx, run, name, &path);
-    if (!code) {
-        char *slash = strrchr(path, '/');
-        *slash = 0;
-        code = sg_dir_create(ctx, path);
-        *slash = '/';
-    }
     if (!code)
-        code = sg_trainer_model(trainer, &m);
-    if (!code)
-        code = sg_model_write_ply(ctx, m, path);
+        code = write_model(ctx, trainer, path);
     if (!code)
         code = sg_trainer_exposures(trainer, &exposures);
     if (!code && exposures)
         code = save_exposures(ctx, run, scene, exposures);
     if (!code)
         remove_later(run, iteration);
-    sg_model_destroy(&m);
     sg_free(path);
     return code;
 }

@@ -323,17 +323,6 @@ int sg_output_claim(sg_ctx *ctx, const char *folder, const char *maker, bool add
     return sg_output_claim_by(ctx, folder, &rules, out);
 }
 
-/* Removes the folders that were made, as far as they are empty. */
-static void remove_made(const sg_output *o)
-{
-    for (size_t n = strlen(o->folder); o->made && n >= o->made; n--)
-        if (!o->folder[n] || o->folder[n] == '/') {
-            o->folder[n] = 0;
-            if (rmdir(o->folder))
-                break;
-        }
-}
-
 void sg_output_release(sg_output **output)
 {
     sg_output *o = output ? *output : NULL;
@@ -350,7 +339,7 @@ void sg_output_release(sg_output **output)
         close(o->lock);
     }
     if (o->folder)
-        remove_made(o);
+        sg_dir_unmake(o->folder, o->made);
     sg_free(o->folder);
     sg_free(o->mark);
     sg_free(o);

@@ -95,6 +95,10 @@ small_disk() { # BLOCKS ARGUMENTS...
 }
 small_disk 16 train scene/blender -o full $short --init-points 300
 expect 2 info full; says full
+# Models that no longer fit leave no folder beside those that did.
+small_disk 400 train scene/blender -o later $short --init-points 300 --save-every 30
+[ -s later/point_cloud/iteration_30/point_cloud.ply ] || fail "no model of the time before the disk was full"
+[ -z "$(find later -type d -empty)" ] || fail "a full disk leaves $(find later -type d -empty)"
 # What failed before there was anything to keep works again with the same command, wherever it failed.
 for blocks in 1 4 8 12 16; do
     small_disk $blocks train scene/blender -o "tight$blocks" $short --init-points 300
