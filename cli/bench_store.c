@@ -149,16 +149,16 @@ static int make_tables(struct store *s)
     return code;
 }
 
-/* One of ours, or a new one. */
+/* One of ours, or a new one, which is an empty file: one of no tables can be another's. */
 static int check_kind(struct store *s)
 {
-    long application = 0, version = 0, things = 0;
+    long application = 0, version = 0, pages = 0;
     char text[64];
     if (sqlite3_exec(s->db, "PRAGMA application_id", read_number, &application, NULL) ||
         sqlite3_exec(s->db, "PRAGMA user_version", read_number, &version, NULL) ||
-        sqlite3_exec(s->db, "SELECT count(*) FROM sqlite_master", read_number, &things, NULL))
+        sqlite3_exec(s->db, "PRAGMA page_count", read_number, &pages, NULL))
         return failed(s);
-    if (!things && !application) {
+    if (!pages) {
         snprintf(text, sizeof(text), "PRAGMA application_id=%d; PRAGMA user_version=%d;",
                  APPLICATION, VERSION);
         int code = run(s, "BEGIN IMMEDIATE");
@@ -259,6 +259,8 @@ int store_open(const char *path, bool must_exist, struct store **out)
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, NULL);
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, NULL);
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_ENABLE_VIEW, 0, NULL);
+    /* What another program has not moved from its log to its database stays there. */
+    sqlite3_db_config(s->db, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
     sqlite3_limit(s->db, SQLITE_LIMIT_LENGTH, VALUE_BYTES);
     int code = check_kind(s);
     if (!code && !must_exist)

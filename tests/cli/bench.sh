@@ -409,7 +409,18 @@ cmp file.db copy.db || fail "a file that is no database has changed"
 ask foreign.db 'create table mine(x); insert into mine values(1)'
 expect 2 bench plan.json -o foreign.db; says 'not of this version of splatguard bench'
 [ "$(ask foreign.db 'select * from mine')" = 1 ] || fail "another's database has changed"
+ask tables.db 'create table mine(x); drop table mine'
+cp tables.db copy.db
+expect 2 bench plan.json -o tables.db; says 'tables.db: found a database that is not of this version of splatguard bench'
+cmp tables.db copy.db || fail "another's database without tables has changed"
+sqlite3 log.db 'pragma journal_mode=wal' 'create table mine(x)' ".shell kill -KILL \$PPID" >/dev/null 2>&1
+[ -s log.db-wal ] || fail "no log is left"
+cp log.db copy.db
+expect 2 bench plan.json -o log.db; says 'not of this version of splatguard bench'
+cmp log.db copy.db && [ -s log.db-wal ] || fail "another's database with a log has changed"
 expect 0 bench plan.json -o used.db -q
+: >zero.db
+expect 0 bench plan.json -o zero.db --work used.db.work -q
 cp used.db copy.db
 chmod 444 used.db
 if ! [ -w used.db ]; then # root may write it all the same
