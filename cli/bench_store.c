@@ -229,6 +229,18 @@ static bool cannot_make(const char *path, bool must_exist)
     return true;
 }
 
+/* Removes an empty file that SQLite made for a database which could not be written. Where it is
+ * locked another bench fills it. */
+static void remove_empty(struct store *s)
+{
+    struct stat st;
+    const bool locked = (sqlite3_errcode(s->db) & 0xff) == SQLITE_BUSY;
+    sqlite3_close(s->db);
+    s->db = NULL;
+    if (!locked && !stat(s->path, &st) && !st.st_size)
+        unlink(s->path);
+}
+
 int store_open(const char *path, bool must_exist, struct store **out)
 {
     struct stat st;
@@ -265,7 +277,11 @@ int store_open(const char *path, bool must_exist, struct store **out)
     int code = check_kind(s);
     if (!code && !must_exist)
         code = check_whole(s);
-    return code || must_exist ? code : upgrade(s);
+    if (!code && !must_exist)
+        code = upgrade(s);
+    if (code && !there)
+        remove_empty(s);
+    return code;
 }
 
 void store_close(struct store **store)

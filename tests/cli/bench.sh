@@ -454,6 +454,7 @@ expect 0 report cut.db -o cut -q
 [ "$(ask cut.db "select count(*) from metric where name='cut'")" -eq 0 ] || fail "half a change is left"
 (ulimit -f 4; "$tool" bench plan.json -o full.db -q 2>err; [ $? -eq 2 ]) || fail "a full disk was not noticed"
 says 'full.db'
+[ ! -e full.db ] && [ ! -e full.db-journal ] || fail "a full disk leaves a database without anything"
 dd if=/dev/urandom of=once.db bs=1024 seek=4 count=4 conv=notrunc 2>/dev/null
 cp once.db torn.db
 expect 2 bench plan.json -o once.db; says 'once.db: database disk image is malformed'
