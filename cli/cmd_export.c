@@ -11,16 +11,23 @@ static const struct sg_option export_options[] = {
     FLAG_ROW("view-independent", offsetof(struct export_config, view_independent),
              "Gaussians that look the same from everywhere, as the mean over the views.",
              .group = "Output"),
-    MODEL_ROWS(struct export_config),
+    MODEL_UNDRAWN_ROWS(struct export_config),
     {0},
 };
 
-static const struct option_part export_parts[] = MODEL_PARTS(struct export_config);
+/* The Gaussians of the views are collected on the CPU, and none is drawn. */
+static const struct option_part export_parts[] = {
+    {sg_scene_options, offsetof(struct export_config, m.scene), "smooth|white-background"},
+    {sg_render_options, offsetof(struct export_config, m.render),
+     "max-instances|mip-kernel|reference-tiles"},
+    {0},
+};
 
 static void defaults(void *config)
 {
     *(struct export_config *) config = (struct export_config){.m = model_options_default()};
     ((struct export_config *) config)->m.split = 1;
+    ((struct export_config *) config)->m.engine = NULL;
 }
 
 static int run_export(const void *config, const bool *given, const char *const *positional,

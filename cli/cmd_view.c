@@ -28,6 +28,7 @@ static const struct sg_option view_options[] = {
              .group = "Page"),
     MODEL_SCENE_ROW(struct view_config),
     MODEL_OTHER_ROWS(struct view_config),
+    MODEL_ENGINE_ROWS(struct view_config),
     {0},
 };
 

@@ -199,7 +199,7 @@ int model_views_load(struct model_views *v, const struct command *command, const
         error = sg_cameras_read_json(v->ctx, o->cameras, &o->scene, &v->cameras, &v->n_cameras);
     else if (!error)
         error = load_scene(v, o);
-    if (!error)
+    if (!error && o->engine)
         error = sg_renderer_create(v->ctx, o->engine, cpu_variant(o->cpu), v->model, &o->render,
                                    &v->renderer);
     if (error) {

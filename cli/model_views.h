@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What eval and render share: a model on a renderer and the views of its scene. */
+/* What eval, render and others share: a model, on a renderer, and the views of its scene. */
 #ifndef CLI_MODEL_VIEWS_H
 #define CLI_MODEL_VIEWS_H
 
@@ -8,7 +8,8 @@
 #include "commands.h"
 
 struct model_options {
-    const char *scene_path, *engine, *cpu;
+    const char *scene_path, *cpu;
+    const char *engine;  /* NULL: nothing is drawn */
     const char *cameras; /* NULL, or the file that takes the place of a scene: no photos */
     struct sg_scene_params scene;
     struct sg_render_params render;
@@ -18,7 +19,8 @@ struct model_options {
 };
 #define SPLITS "test|train"
 
-#define MODEL_ROWS(config)                                                                         \
+#define MODEL_ROWS(config) MODEL_UNDRAWN_ROWS(config), MODEL_ENGINE_ROWS(config)
+#define MODEL_UNDRAWN_ROWS(config)                                                                 \
     MODEL_SCENE_ROW(config),                                                                       \
         CHOICE_ROW("split", offsetof(config, m.split), SPLITS, "SPLIT",                            \
                    "Which views: " SPLITS ".", .group = MODEL_GROUP),                              \
@@ -32,9 +34,10 @@ struct model_options {
         NUMBER_ROW("threads", SG_OPTION_INT, offsetof(config, m.threads), 0, 256, "T",             \
                    "Worker threads; 0 = one per CPU.", .group = MODEL_GROUP, .letter = 'j'),       \
         MEMORY_ROW(config, m.max_memory, .group = MODEL_GROUP),                                    \
-        VRAM_ROW(config, m.max_vram, .group = MODEL_GROUP),                                        \
         FLAG_ROW("quiet", offsetof(config, m.quiet), "Warnings only.", .group = MODEL_GROUP,       \
-                 .letter = 'q'),                                                                   \
+                 .letter = 'q')
+#define MODEL_ENGINE_ROWS(config)                                                                  \
+    VRAM_ROW(config, m.max_vram, .group = MODEL_GROUP),                                            \
         TEXT_ROW("engine", offsetof(config, m.engine), "NAME", SG_ENGINE_HELP,                     \
                  .group = MODEL_GROUP, .expert = true, .choices = SG_ENGINE_CHOICES,               \
                  .alias = "backend"),                                                              \

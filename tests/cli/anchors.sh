@@ -22,6 +22,9 @@ expect 0 eval baked.ply --scene scene/blender --json # what is lost
 grep -q "\"views\": 2, \"gaussians\": $baked}" out || fail "$(cat out), expected $baked Gaussians"
 grep -q "\"psnr\": ${psnr%??}" out && fail "what depends on the view is not lost: $(cat out)"
 expect 1 export anchors other.ply; says view-independent
+for option in --engine=cpu --cpu=baseline --max-vram=1G --mip-kernel=0.1 --reference-tiles --white-background; do
+    expect 1 export anchors other.ply --view-independent $option; says "${option%=*}" # nothing is drawn
+done
 expect 1 export nowhere other.xyz --view-independent; says 'other.xyz: found no known ending' # before anything is read
 expect 0 train scene/blender -o run --iterations 5 --init-points 100 -q
 expect 2 export run other.ply --view-independent

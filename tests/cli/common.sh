@@ -15,7 +15,7 @@ if [ -n "${SG_TEST_ENGINE-}" ]; then
 #!/bin/sh
 measured=- # compare draws with --scene only
 case " \$* " in *' --scene '*) measured=compare ;; esac
-case "\${1-}" in train | eval | render | attack | "\$measured" | prune | view | export)
+case "\${1-}" in train | eval | render | attack | "\$measured" | prune | view)
     case " \$* " in *' --engine '* | *' --backend '* | *' --cpu '* | *' --help '*) ;; *) set -- "\$@" --engine '$SG_TEST_ENGINE' ;; esac ;;
 esac
 exec '$tool' "\$@"
