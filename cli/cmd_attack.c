@@ -93,6 +93,10 @@ static const char *without_effect(const struct sg_attack_run_params *p, const st
     static const char *const rates[] = {"feature-lr", "opacity-lr", "scaling-lr", "rotation-lr",
                                         "percent-dense"};
     const bool scaffold = p->attack.model == SG_ATTACK_SCAFFOLD;
+    if (!strcmp(o->name, "max-vram"))
+        return vram_unused(p->attack.engine, p->attack.cpu);
+    if (p->views == SG_ATTACK_ALL_VIEWS && !strcmp(o->name, "test-every"))
+        return "without --views train";
     if (p->files.save == SG_POISON_PNG && !strncmp(o->name, "jpeg-", strlen("jpeg-")))
         return "with --save png";
     if (p->proxy && !strcmp(o->name, "proxy-iterations"))

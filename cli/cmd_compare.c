@@ -327,6 +327,8 @@ static int run_compare(const void *config, const bool *given, const char *const 
         code = check_unmeasured(given);
     if (!code && c->html)
         code = check_html(c->html);
+    if (!code)
+        model_views_warn(&c->m);
     interrupt_catch();
     for (int i = 0; i < count && !code; i++) {
         code = read_run(&runs[i], positional[i]);

@@ -112,6 +112,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
             "splatguard eval: found --match-colours and --exposure, expected one of them\n");
         return STATUS_USAGE;
     }
+    model_views_warn(&c->m);
     interrupt_catch();
     int code = model_views_open(&v, positional[0], &command_eval, given, c, &c->m);
     if (!code && c->exposure)

@@ -79,6 +79,7 @@ static void warn_idle(const struct prune_config *c, const bool *given)
     const struct sg_prune_params *p = &c->prune;
     const bool limited = p->max_gaussians, volume = p->score == SG_GLOBAL_V_IMPORTANT,
                sum = p->score != SG_GLOBAL_COUNT && p->score != SG_GLOBAL_OPACITY;
+    const char *no_device = vram_unused(p->engine, p->cpu);
     const struct {
         size_t offset;
         const char *option;
@@ -93,6 +94,7 @@ static void warn_idle(const struct prune_config *c, const bool *given)
         {P(prune.trained), "trained", !p->finetune, "with --finetune 0"},
         {P(prune.seed), "seed", !p->finetune && p->method != SG_PRUNER_SPECTRAL,
          "with --finetune 0"},
+        {P(max_vram), "max-vram", no_device, no_device},
     };
     for (size_t i = 0; i < sizeof(rules) / sizeof(rules[0]); i++)
         if (rules[i].idle && options_given(&command_prune, given, rules[i].offset))

@@ -297,6 +297,7 @@ static int run_render(const void *config, const bool *given, const char *const *
     int code = check_options(c, given);
     if (code)
         return code;
+    model_views_warn(&c->m);
     interrupt_catch();
     code = model_views_find(&v, positional[0], &command_render, given, c, &c->m);
     const char *from = c->m.cameras ? c->m.cameras : c->m.scene_path;

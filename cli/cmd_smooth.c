@@ -78,6 +78,8 @@ static int run_smooth(const void *config, const bool *given, const char *const *
         options_given(&command_smooth, given, M(files.jpeg_quality)))
         warn_unused("jpeg-quality", "with --save png");
     c->scene.eval = c->views == 1;
+    if (!c->scene.eval && options_given(&command_smooth, given, M(scene.test_every)))
+        warn_unused("test-every", "without --views train");
     const int code = open_context(&ctx, c->threads, c->max_memory, c->quiet);
     if (code)
         return code;
@@ -87,6 +89,9 @@ static int run_smooth(const void *config, const bool *given, const char *const *
     int error = sg_output_claim(ctx, c->output, "smooth", true, inputs, &output);
     if (!error)
         error = sg_poisoned_scene_load(ctx, positional[0], &c->scene, &scene);
+    if (!error && c->files.save == SG_POISON_AUTO && scene->format != SG_FORMAT_COLMAP &&
+        options_given(&command_smooth, given, M(files.jpeg_quality)))
+        warn_unused("jpeg-quality", "with --save auto, which is PNG for this scene");
     if (!error)
         error = write_scene(ctx, scene, c);
     const int status = report_option(ctx, &command_smooth, error);

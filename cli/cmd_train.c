@@ -72,6 +72,11 @@ static void warn_idle(const struct train_config *c, const bool *given)
     const struct command *t = &command_train;
     const struct sg_train_params *p = &c->run.train;
     const bool scaffold = p->model == SG_MODEL_SCAFFOLD, mcmc = p->strategy == SG_STRATEGY_MCMC;
+    const char *no_device = vram_unused(p->engine, p->cpu);
+    if (no_device && options_given(t, given, T(run.max_vram)))
+        warn_unused("max-vram", no_device);
+    if (!c->run.scene.eval && options_given(t, given, T(run.scene.test_every)))
+        warn_unused("test-every", "without --eval");
     if (!c->run.scene.eval && options_given(t, given, T(run.eval_every)))
         warn_unused("eval-every", "without --eval");
     if (scaffold && options_given(t, given, T(run.train.sh_interval)))

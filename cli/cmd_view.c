@@ -274,6 +274,7 @@ static int run_view(const void *config, const bool *given, const char *const *po
     (void) count;
     struct view_config c = *(const struct view_config *) config;
     struct viewed v = {0};
+    model_views_warn(&c.m);
     interrupt_catch(); /* before there are files that would be left behind */
     int code = open_viewed(&v, positional[0], given, &c);
     if (!code)

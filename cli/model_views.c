@@ -113,6 +113,13 @@ void depth_to_grey(const float *depth, const float *alpha, size_t n, int channel
     }
 }
 
+void model_views_warn(const struct model_options *o)
+{
+    const char *no_device = vram_unused(o->engine, o->cpu);
+    if (o->max_vram && no_device)
+        warn_unused("max-vram", no_device);
+}
+
 int model_views_find(struct model_views *v, const char *model, const struct command *command,
                      const bool *given, void *config, struct model_options *o)
 {

@@ -89,6 +89,8 @@ void render_as_trained(struct sg_render_params *render, const struct sg_train_pa
  * black where alpha is too small for a depth. */
 void depth_to_grey(const float *depth, const float *alpha, size_t n, int channels, uint8_t *out);
 
+/* Warns of options that change nothing. */
+void model_views_warn(const struct model_options *options);
 /* MODEL is a model's file or a run's folder, whose scene and scene options apply where the command
  * line has none. config is the command's, options its `struct model_options`. Returns an exit code;
  * close in any case. */

@@ -242,6 +242,15 @@ void warn_unused(const char *option, const char *why)
     say(stderr, "warning: --%s has no effect %s\n", option, why);
 }
 
+const char *vram_unused(const char *engine, const char *cpu)
+{
+    const bool automatic = !engine || !strcmp(engine, "auto");
+    return automatic                ? cpu ? "with --cpu" : NULL
+           : !strcmp(engine, "cpu") ? "with --engine cpu"
+           : !strcmp(engine, "ref") ? "with --engine ref"
+                                    : NULL;
+}
+
 json_t *number_json(double v)
 {
     return v - v == 0 ? json_real(v) : json_null();

@@ -99,6 +99,9 @@ bool is_in(const char *list, const char *name);
 /* Warns of an option that was given and changes nothing. why: "with --save png". */
 void warn_unused(const char *option, const char *why);
 
+/* Why --max-vram changes nothing: these take no GPU. NULL where they may. */
+const char *vram_unused(const char *engine, const char *cpu);
+
 /* For JSON: a number that is not finite becomes null. */
 json_t *number_json(double v);
 

@@ -445,6 +445,17 @@ static int remove_temporary(sg_ctx *ctx, const char *folder)
     return SG_OK;
 }
 
+/* Whether images have a quality is known only with the scene. */
+static void warn_of_quality(const struct attack_run *r)
+{
+    const struct sg_poison_files *files = &r->params->files, own = sg_poison_files_default();
+    if (files->save == SG_POISON_AUTO && r->scene->format != SG_FORMAT_COLMAP && !r->resume &&
+        (files->jpeg_quality != own.jpeg_quality || files->full_chroma != own.full_chroma))
+        sg_log(r->ctx, SG_LOG_WARN,
+               "the quality and chroma of JPEG have no effect with --save auto, which is PNG for "
+               "this scene");
+}
+
 /* In a folder that is claimed. *fresh: it was new or empty. */
 static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
 {
@@ -466,6 +477,8 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
     r->proxy = model[0] ? model : NULL;
     if (!code && !r->resume && r->proxy)
         code = make_decoy(r);
+    if (!code)
+        warn_of_quality(r);
     if (!code && !r->resume) {
         *fresh = !sg_run_has_files(p->folder);
         code = begin_files(r);

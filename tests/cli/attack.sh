@@ -242,6 +242,11 @@ for option in inner iterations feature-lr; do says "warning: --$option has no ef
 expect 2 attack nowhere -o x --voxel-size 0.1 --proxy seed --proxy-iterations 9 --save png --jpeg-quality 9
 says 'warning: --voxel-size has no effect without --model scaffold'; says 'warning: --proxy-iterations has no effect with --proxy'
 says 'warning: --jpeg-quality has no effect with --save png'
+expect 0 attack scene/blender -o unused --method noise -q --jpeg-quality 9 --test-every 2 --max-vram 1G --engine cpu --force
+says 'warning: the quality and chroma of JPEG have no effect with --save auto, which is PNG for this scene'
+says 'warning: --test-every has no effect without --views train'; says 'warning: --max-vram has no effect with --engine cpu'
+expect 0 attack scene/colmap -o unused --method noise -q --jpeg-quality 9 --test-every 2 --views train --force
+[ ! -s err ] || fail "a warning about options that have an effect: $(cat err)"
 expect 2 attack nowhere -o x --model scaffold --opacity-lr 0.1; says 'warning: --opacity-lr has no effect with --model scaffold'
 expect 0 attack scene/colmap -o unused --method tv-per-view -q --inner 1 --force
 [ ! -s err ] || fail "--inner has an effect with tv-per-view"

@@ -28,6 +28,11 @@ done
 grep -qaF .png jpeg/sparse/0/images.bin && fail "the model names photos that are not there"
 expect 0 smooth scene/blender --save png --jpeg-quality 90 -o quality -q
 says 'warning: --jpeg-quality has no effect with --save png'
+expect 0 smooth scene/blender --jpeg-quality 90 --test-every 2 -o automatic -q
+says 'warning: --jpeg-quality has no effect with --save auto, which is PNG for this scene'
+says 'warning: --test-every has no effect without --views train'
+expect 0 smooth scene/colmap --jpeg-quality 90 --test-every 2 --views train -o views -q
+[ ! -s err ] || fail "a warning about options that have an effect: $(cat err)"
 expect 1 smooth scene/blender; says 'missing -o SMOOTHED'
 expect 1 smooth scene/blender --smooth off -o off; says '--smooth'
 expect 2 smooth nothing -o x; says 'nothing'

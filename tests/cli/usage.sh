@@ -27,6 +27,14 @@ expect 1 trian; says 'unknown command "trian"; did you mean train?'
 expect 1 help evl; says 'did you mean eval?'
 expect 1 rend; says 'did you mean render?'
 expect 2 train nowhere -o none --eval-every 5; says 'warning: --eval-every has no effect without --eval'
+expect 2 train nowhere -o none --test-every 5 --max-vram 1G --cpu baseline
+says 'warning: --test-every has no effect without --eval'; says 'warning: --max-vram has no effect with --cpu'
+for command in 'eval nowhere' 'render nowhere -o none' 'compare nowhere -s nowhere' 'view nowhere' 'prune nowhere -s nowhere -o none.ply'; do
+    # shellcheck disable=SC2086 # several words
+    expect 2 $command --engine ref --max-vram 1G; says 'warning: --max-vram has no effect with --engine ref'
+done
+expect 2 eval nowhere --max-vram 1G
+grep -q 'warning' err && fail "--max-vram with --engine auto warns: $(cat err)"
 expect 2 train nowhere -o none --strategy mcmc --cap-max 90 --densify-until-iter 5
 says 'warning: --densify-until-iter has no effect with --strategy mcmc, which has --mcmc-until'
 expect 2 train nowhere -o none --sh-interval 5 --opacity-reset-interval 5 --model scaffold
