@@ -63,6 +63,8 @@ static void json_poses(void **state)
         put_blender(f, "1", bad[i]);
         expect_failure(f, NULL, SG_ERR_INPUT, "transforms_train.json", "frame 0", NULL);
     }
+    put_blender(f, "1", "\"transform_matrix\":[[1,0,0,1e200],[0,1,0,0],[0,0,1,0],[0,0,0,1]]");
+    expect_failure(f, NULL, SG_ERR_INPUT, "found 1e+200 in the pose", "of at most 1e+12", NULL);
     put_blender(f, "1", "\"transform_matrix\":[[NaN,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]");
     expect_failure(f, NULL, SG_ERR_INPUT, "transforms_train.json", "line 1", NULL);
     put_blender(f, "1", "\"transform_matrix\":[[1e999,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]");
@@ -150,7 +152,8 @@ static void nerfstudio(void **state)
         {"\"w\":1e30", "\"w\""},
         {"\"cx\":1", "cx"},
         {"\"fl_x\":-3", "focal"},
-        {"\"fl_x\":1e300", "focal"},
+        {"\"fl_x\":1e300", "expected ones above 0, of at most 1e+07 pixels"},
+        {"\"cx\":1e8,\"cy\":5", "principal point (1e+08, 5), expected pixels of at most 1e+07"},
         {"\"ply_file_path\":\"../../x.ply\"", "ply_file_path"},
         {"\"ply_file_path\":3", "ply_file_path"},
     };

@@ -581,9 +581,12 @@ bool camera_read(struct sg_camera *camera, PyObject *object)
     if (!array_read(&a, object, 'd', 18, "camera", false))
         return false;
     const double *v = a.data;
-    if (!(v[0] >= 1 && v[0] <= 16384 && v[1] >= 1 && v[1] <= 16384)) {
-        PyErr_SetString(errors[-SG_ERR_USAGE], "camera: found an image whose sides are not 1 to "
-                                               "16384");
+    if (!(v[0] >= 1 && v[0] <= SG_SIDE_MAX && v[1] >= 1 && v[1] <= SG_SIDE_MAX)) {
+        char found[80]; /* PyErr_Format knows no %g */
+        snprintf(found, sizeof(found), "%g x %g", v[0], v[1]);
+        PyErr_Format(errors[-SG_ERR_USAGE],
+                     "camera: found an image of %s pixels, expected sides of 1 to %d", found,
+                     SG_SIDE_MAX);
         array_release(&a);
         return false;
     }

@@ -461,6 +461,8 @@ def test_render_alpha_and_depth():
     assert np.abs(np.asarray(plain.color) - np.asarray(drawn.color)).max() < 1e-3
     with pytest.raises(sg.UsageError, match="R that is off a rotation by 1 .determinant 0"):
         sg.Renderer(model).render(sg.Camera(10, 10, 5, R=np.zeros((3, 3))))
+    with pytest.raises(sg.UsageError, match="camera: found an image of 20000 x 10 pixels, expected sides of 1 to 16384"):
+        sg.Renderer(model).render(sg.Camera(20000, 10, 5))
     model["opacity"] = np.full((500, 1), np.nan, np.float32)
     with pytest.raises(sg.InputError, match="opacity"):
         sg.Renderer(model)

@@ -114,18 +114,21 @@ static int read_lens(sg_ctx *ctx, const char *where, const json_t *camera, struc
         double *to;
     } numbers[] = {{"fx", &lens->fx}, {"fy", &lens->fy}, {"cx", &lens->cx}, {"cy", &lens->cy}};
     const char *const sides[] = {"width", "height"};
+    char range[32];
+    snprintf(range, sizeof(range), "1 to %d pixels", SG_IMAGE_SIDE_MAX);
     for (int i = 0; i < 2; i++) {
         const json_t *side = json_object_get(camera, sides[i]);
         const double n = json_number_value(side);
         if (!(n >= 1 && n <= SG_IMAGE_SIDE_MAX))
-            return expected(ctx, where, sides[i], side, "a number of pixels");
+            return expected(ctx, where, sides[i], side, range);
         *(i ? &lens->height : &lens->width) = (int) n;
     }
     lens->has_principal = json_object_get(camera, "cx");
     for (int i = 0; i < (lens->has_principal ? 4 : 2); i++) {
         const json_t *number = json_object_get(camera, numbers[i].key);
         if (!json_is_number(number) || (i < 2 && !(json_number_value(number) > 0)))
-            return expected(ctx, where, numbers[i].key, number, "a number of pixels");
+            return expected(ctx, where, numbers[i].key, number,
+                            i < 2 ? "a number of pixels above 0" : "a number of pixels");
         *numbers[i].to = json_number_value(number);
     }
     return sg_lens_check(ctx, lens, where);

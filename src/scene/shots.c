@@ -237,11 +237,12 @@ int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
     if (!focal_x || !focal_y || !within(lens->fx, SG_LENS_MAX) || !within(lens->fy, SG_LENS_MAX))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found focal lengths %g, %g pixels and fields of view %g, %g radians, "
-                       "expected positive finite ones",
-                       where, lens->fx, lens->fy, lens->angle_x, lens->angle_y);
+                       "expected ones above 0, of at most %g pixels or below 3.14159 radians",
+                       where, lens->fx, lens->fy, lens->angle_x, lens->angle_y, SG_LENS_MAX);
     if (lens->has_principal && (!within(lens->cx, SG_LENS_MAX) || !within(lens->cy, SG_LENS_MAX)))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found principal point (%g, %g), expected pixels",
-                       where, lens->cx, lens->cy);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found principal point (%g, %g), expected pixels of at most %g", where,
+                       lens->cx, lens->cy, SG_LENS_MAX);
     const double k[] = {lens->k1, lens->k2, lens->k3, lens->k4, lens->k5,   lens->k6,
                         lens->p1, lens->p2, lens->s1, lens->s2, lens->omega};
     for (size_t i = 0; i < sizeof(k) / sizeof(*k); i++)
@@ -301,8 +302,9 @@ int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, doub
 {
     for (int i = 0; i < 16; i++)
         if (!within(m[i], SG_POSE_MAX))
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: found %g in the pose, expected finite numbers",
-                           where, m[i]);
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found %g in the pose, expected numbers of at most %g", where, m[i],
+                           SG_POSE_MAX);
     if (!within(m[12], 1e-6) || !within(m[13], 1e-6) || !within(m[14], 1e-6) ||
         !within(m[15] - 1, 1e-6))
         return sg_fail(ctx, SG_ERR_INPUT,
@@ -346,8 +348,9 @@ int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], c
                        "%s: found quaternion %g %g %g %g, expected one of length 1", where, q[0],
                        q[1], q[2], q[3]);
     if (!within(v[0], SG_POSE_MAX) || !within(v[1], SG_POSE_MAX) || !within(v[2], SG_POSE_MAX))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found translation %g %g %g, expected finite numbers",
-                       where, v[0], v[1], v[2]);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found translation %g %g %g, expected numbers of at most %g", where,
+                       v[0], v[1], v[2], SG_POSE_MAX);
     double w = q[0] / n, x = q[1] / n, y = q[2] / n, z = q[3] / n;
     const double r[9] = {
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
