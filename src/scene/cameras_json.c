@@ -134,13 +134,14 @@ static int read_lens(sg_ctx *ctx, const char *where, const json_t *camera, struc
     return sg_lens_check(ctx, lens, where);
 }
 
-/* Pictures get the name. */
+/* Pictures get the name, and none is hidden. */
 static int read_name(sg_ctx *ctx, const char *where, const json_t *camera, struct sg_view *view)
 {
     const json_t *value = json_object_get(camera, "img_name");
     const char *name = json_string_value(value);
-    if (!name || !*name || strchr(name, '/'))
-        return expected(ctx, where, "img_name", value, "a name of a file without folders");
+    if (!name || !*name || *name == '.' || strchr(name, '/'))
+        return expected(ctx, where, "img_name", value,
+                        "a name of a file without folders or a dot at its beginning");
     if (strlen(name) > NAME_BYTES)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: img_name: found a name of %zu bytes, expected at most %d", where,
