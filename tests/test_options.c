@@ -182,6 +182,23 @@ static void test_refusals(void **state)
                   "a number from 0 to 0.5, growth:X with X up to 0.9, or preset");
 }
 
+/* A number in place of a word is for fields; in texts only where the help names it. */
+static void test_numbers(void **state)
+{
+    (void) state;
+    for (int t = 0; t < TABLES; t++) {
+        union params p;
+        for (const struct sg_option *o = table(t, &p); o->name; o++) {
+            char text[32], named[64];
+            snprintf(text, sizeof(text), "%g", o->first_word);
+            snprintf(named, sizeof(named), "%s = the preset's", text);
+            const bool allowed = o->first_word >= o->low || strstr(o->help, named);
+            if (o->words && sg_option_set(o, &p, text, NULL, 0) != allowed)
+                fail_msg("%s: %s: the help is: %s", o->name, text, o->help);
+        }
+    }
+}
+
 static void check_text(const char *name, const char *text, const char *printed)
 {
     char back[64] = "";
@@ -208,7 +225,7 @@ static void test_texts(void **state)
     check_text("filter-frequency", "0", "preset");
     check_text("tolerance", "auto", "auto");
     check_text("tolerance", "2.5", "2.5");
-    check_text("tolerance", "-3", "");
+    check_text("tolerance", "-1", ""); /* auto, of which no help says so */
     check_text("max-gaussians", "0", "0");
     check_text("max-gaussians", "3", "");
     check_text("max-time", "1h30m", "5400");
@@ -437,6 +454,7 @@ int main(void)
         cmocka_unit_test(test_ranges),         cmocka_unit_test(test_texts),
         cmocka_unit_test(test_refusals),       cmocka_unit_test(test_presets),
         cmocka_unit_test(test_identity),       cmocka_unit_test(test_unused),
+        cmocka_unit_test(test_numbers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -42,6 +42,7 @@ struct sg_option {
     /* NULL, or "auto|preset": words for values that a run replaces by others when it begins. The
      * first stands for first_word, each other for 1 less than the one before. */
     const char *words;
+    bool numbered; /* texts may have the numbers of the words too, which the help names */
     /* NULL, or the word for a number below 0: with "growth", the text "growth:0.3" is -0.3. */
     const char *negative;
     double first_word;

@@ -7,7 +7,7 @@
 #define STRUCT struct sg_attack_params
 #define GROUP(name) .group = name
 #define EXPERT .expert = true
-#define PRESET .words = "preset", .first_word = SG_ATTACK_BY_PRESET
+#define PRESET .words = "preset", .first_word = SG_ATTACK_BY_PRESET, .numbered = true
 
 #define INTEGER(name, field, low, high, help, ...)                                                 \
     SG_NUMBER(SG_OPTION_INT, name, field, low, high, "N", help, __VA_ARGS__)

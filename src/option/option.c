@@ -111,6 +111,12 @@ static int word_of(const struct sg_option *o, double v)
     return o->words && i >= 0 && i < count_words(o->words) && i == floor(i) ? (int) i : -1;
 }
 
+/* Whether a number in a text is one that is allowed. */
+static bool is_allowed(const struct sg_option *o, double v)
+{
+    return in_range(o, v) || (o->numbered && word_of(o, v) >= 0);
+}
+
 /* A range, and the words that stand for more. */
 static void describe_range(const struct sg_option *o, char *text, size_t size)
 {
@@ -185,8 +191,7 @@ static bool set_real(const struct sg_option *o, void *value, const char *text)
     if (word < 0) {
         const bool known = read_number(o, text, &v);
         const bool unbound = o->whole && isinf(v) && v > 0;
-        if (!known || !(in_range(o, v) || unbound || word_of(o, v) >= 0) ||
-            (o->whole && !unbound && v != floor(v)))
+        if (!known || !(is_allowed(o, v) || unbound) || (o->whole && !unbound && v != floor(v)))
             return false;
     }
     if (o->type == SG_OPTION_FLOAT)
@@ -211,8 +216,7 @@ static bool set_whole(const struct sg_option *o, void *value, const char *text)
     }
     const int word = sg_word_index(o->words, text);
     const long long v = word < 0 ? strtoll(text, &end, 10) : (long long) o->first_word - word;
-    if (word < 0 &&
-        (end == text || *end || errno || !(in_range(o, (double) v) || word_of(o, (double) v) >= 0)))
+    if (word < 0 && (end == text || *end || errno || !is_allowed(o, (double) v)))
         return false;
     if (o->type == SG_OPTION_INT)
         *(int *) value = (int) v;

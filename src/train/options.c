@@ -198,16 +198,17 @@ static const struct sg_option train_options[] = {
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; growth:X = the "
            "share X of recent growth, up to 0.9, which -X means too; -1 = the preset's.",
-           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_RHO, .negative = "growth"),
+           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_RHO, .negative = "growth",
+           .numbered = true),
     DOUBLE("rho-least", defense.rho_least, 0, 0.5,
            "Least share that the filter removes at a time while --rho is a share of growth. It "
            "shrinks to 0 when densification ends, and holds only while the model is larger than "
            "half of its first size. -1 = the preset's, 0 with a --rho.",
-           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_RHO),
+           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_RHO, .numbered = true),
     DOUBLE("filter-frequency", defense.frequency, 1e-9, 1e9,
            "Reference frequency t, cycles per scene unit; 0 = the preset's: 8, auto: 41.6 / the "
            "scene's extent.",
-           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_FREQUENCY),
+           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_FREQUENCY, .numbered = true),
     DOUBLE("filter-exponent", defense.exponent, 0, 100, "Exponent alpha of the frequency weight.",
            DEFENSE, EXPERT),
     INTEGER("filter-views", defense.views, 1, 1e7, "Training views in which hits are counted.",
@@ -260,7 +261,7 @@ static const struct sg_option train_options[] = {
     DOUBLE("lambda", defense.lambda, 0, 1e6,
            "Weight of the two losses on renders (auto: of photos that look poisoned, up to four "
            "times as much where they oscillate strongly); -1 = the preset's.",
-           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_LAMBDA),
+           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_LAMBDA, .numbered = true),
     DOUBLE("anisotropy-scale", defense.anisotropy_scale, 0, 1e6,
            "Times lambda: weight of the spectrum's anisotropy.", DEFENSE, EXPERT),
     DOUBLE("tv-scale", defense.tv_scale, 0, 1e6, "Times lambda: weight of the total variation.",

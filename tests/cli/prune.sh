@@ -62,6 +62,8 @@ expect 1 prune $model -o x.ply; says 'missing --scene SCENE'
 expect 1 prune run; says 'missing -o OUT.ply'
 expect 1 prune $model --scene scene/blender --iteration 5 -o x.ply; says "expected a run's folder"
 expect 1 prune run --ratio 2 -o x.ply; says '--ratio'
+expect 1 prune run --ratio -1 -o x.ply; says '--ratio: found "-1", expected a number from 0 to 1 or "published"'
+expect 1 prune run --second-ratio -1 -o x.ply; says '--second-ratio: found "-1"'
 expect 1 prune run --method magic -o x.ply; says '--method'
 expect 1 prune run --reduce 2 -o x.ply; says '--reduce: found with --method lightgaussian, expected --method pup'
 # What is given beside an option that takes its place.
