@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Anchors of Scaffold-GS on their own: cells, start, growth and files. */
+#include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -306,6 +308,8 @@ static void test_drop(void **state)
 
 /* ---- files ---- */
 
+#define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK | SG_PART_APPEARANCE)
+
 static char folder[] = "/tmp/sg_anchors_XXXXXX", model_path[64], weights_path[64];
 
 static int make_folder(void **state)
@@ -406,6 +410,50 @@ static void test_files(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* The networks of a model stay what they are where another one is saved beside it, and where saving
+ * fails. */
+static void test_second(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *first = make_random(ctx, 200, 0), *second = make_random(ctx, 200, ALL_PARTS);
+    char other[96];
+    size_t size, size_now;
+    snprintf(other, sizeof(other), "%s/other.ply", folder);
+    assert_int_equal(sg_model_write_ply(ctx, first, model_path), SG_OK);
+    char *networks = slurp(weights_path, &size);
+    assert_int_equal(sg_model_write_ply(ctx, second, other), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "found the networks of the anchors in"));
+    assert_non_null(strstr(sg_last_error(ctx), model_path));
+    assert_int_equal(access(other, F_OK), -1);
+
+    /* no room on the disk for the anchors, but for the networks */
+    struct rlimit before;
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
+    signal(SIGXFSZ, SIG_IGN);
+    setrlimit(RLIMIT_FSIZE, &(struct rlimit){60000, before.rlim_max});
+    const int code = sg_model_write_ply(ctx, second, model_path);
+    setrlimit(RLIMIT_FSIZE, &before);
+    assert_int_equal(code, SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "point_cloud.ply: cannot write"));
+    char *now = slurp(weights_path, &size_now);
+    assert_int_equal(size_now, size);
+    assert_memory_equal(now, networks, size);
+    free(now);
+
+    /* Files that are no anchors do not count. */
+    spill(other, "ply\n", 4);
+    assert_int_equal(sg_model_write_ply(ctx, second, model_path), SG_OK);
+    unlink(other);
+    unlink(model_path);
+    assert_int_equal(sg_model_write_ply(ctx, first, other), SG_OK);
+    unlink(other);
+    free(networks);
+    sg_model_destroy(&first);
+    sg_model_destroy(&second);
+    sg_ctx_destroy(&ctx);
+}
+
 struct edit {
     const char *find, *replace, *says;
 };
@@ -430,8 +478,6 @@ static void refuse_edits(sg_ctx *ctx, const char *good, size_t size, const struc
         free(bad);
     }
 }
-
-#define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK | SG_PART_APPEARANCE)
 
 /* Networks with optional parts come back with them, under the names of PyTorch. */
 static void test_parts(void **state)
@@ -611,6 +657,6 @@ int main(void)
         cmocka_unit_test(test_growth),  cmocka_unit_test(test_drop),
         cmocka_unit_test(test_files),   cmocka_unit_test(test_parts),
         cmocka_unit_test(test_blocked), cmocka_unit_test(test_comma),
-        cmocka_unit_test(test_hostile)};
+        cmocka_unit_test(test_hostile), cmocka_unit_test(test_second)};
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

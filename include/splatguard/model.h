@@ -104,7 +104,8 @@ SG_API int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussia
 /* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer
  * f_rest below. A model of anchors is written as Scaffold-GS does, with its networks beside it, in
  * networks.safetensors. A file appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be
- * written or the model has no Gaussians, SG_ERR_BUDGET. */
+ * written, the model has no Gaussians, or the folder has the networks of another model of anchors;
+ * SG_ERR_BUDGET. */
 SG_API int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *path);
 
 /* Reads and writes a point cloud PLY (x y z, optional red green blue). xyz, rgb: n x 3. Points

@@ -55,13 +55,18 @@ static FILE *open_temporary(const char *path)
     return fopen(path, "wbxe");
 }
 
+/* 0, or the errno of the first write that failed. */
+static int sync_stream(FILE *stream)
+{
+    const int before = errno; /* of the write that failed, if one did */
+    const int why = fflush(stream) ? errno : ferror(stream) ? before ? before : EIO : 0;
+    return fsync(fileno(stream)) && !why ? errno : why;
+}
+
 /* Syncs, closes and renames. False: see errno. */
 static bool finish_temporary(FILE *stream, const char *temporary, const char *path)
 {
-    const int before = errno; /* of the write that failed, if one did */
-    int why = fflush(stream) ? errno : ferror(stream) ? before ? before : EIO : 0;
-    if (fsync(fileno(stream)) && !why)
-        why = errno;
+    int why = sync_stream(stream);
     if (fclose(stream) && !why)
         why = errno;
     if (!why && rename(temporary, path))
@@ -108,6 +113,12 @@ size_t sg_file_temporary(const char *name)
         return 0;
     const size_t digits = strspn(ending + 4, "0123456789");
     return digits && !ending[4 + digits] ? (size_t) (ending - name) : 0;
+}
+
+int sg_file_sync(sg_ctx *ctx, const struct sg_file_writer *w)
+{
+    const int why = sync_stream(w->stream);
+    return why ? sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", w->path, strerror(why)) : SG_OK;
 }
 
 int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w)

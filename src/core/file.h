@@ -22,7 +22,9 @@ struct sg_file_writer {
     char *path, *temporary;
 };
 int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path);
-/* Checks every earlier write of the stream: one place to report a full disk. */
+/* Both check every earlier write of the stream: one place to report a full disk. sync: before the
+ * commit of a file that must not appear without this one. */
+int sg_file_sync(sg_ctx *ctx, const struct sg_file_writer *w);
 int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w);
 void sg_file_abandon(struct sg_file_writer *w); /* safe after commit, and on a zeroed writer */
 

@@ -71,7 +71,8 @@ bool sg_networks_finite(const struct sg_networks *networks);
 bool sg_anchor_cell(float position, float size, int64_t *cell);
 
 /* Anchors as the released code writes them, and NETWORKS_FILE beside them. Each file appears whole
- * or not at all, that of the networks first. */
+ * or not at all, that of the networks first, and none before both are written. SG_ERR_INPUT where
+ * the networks are those of other anchors in the folder. */
 #define SG_NETWORKS_FILE "networks.safetensors"
 int sg_anchors_write(sg_ctx *ctx, const struct sg_model *model, const char *path);
 /* SG_ERR_INPUT also for more than max_anchors. */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Files of a model of anchors: a PLY file with the properties of the released code, and beside it
  * the networks' weights as safetensors (a length, a JSON header, raw data). */
+#include <dirent.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -57,28 +58,29 @@ static float *value_at(const struct sg_model *m, const struct place *p, size_t i
                      : sg_model_at(m, i, p->plane);
 }
 
-static int write_anchors(sg_ctx *ctx, const struct sg_model *m, const char *path)
+/* To be committed, or abandoned after an error. */
+static int write_anchors(sg_ctx *ctx, const struct sg_model *m, const char *path,
+                         struct sg_file_writer *w)
 {
     struct place place[PROPERTIES];
-    struct sg_file_writer w;
-    const int code = sg_file_create(ctx, &w, path);
+    const int code = sg_file_create(ctx, w, path);
     if (code)
         return code;
     list_properties(place);
-    fprintf(w.stream,
+    fprintf(w->stream,
             "ply\nformat binary_little_endian 1.0\ncomment splatguard %s, anchors of Scaffold-GS: "
             "their networks are in " SG_NETWORKS_FILE "\nelement vertex %zu\n",
             sg_version(), m->count);
     for (int k = 0; k < PROPERTIES; k++)
-        fprintf(w.stream, "property float %s\n", place[k].name);
-    fprintf(w.stream, "end_header\n");
+        fprintf(w->stream, "property float %s\n", place[k].name);
+    fprintf(w->stream, "end_header\n");
     for (size_t i = 0; i < m->count; i++) {
         float row[PROPERTIES];
         for (int k = 0; k < PROPERTIES; k++)
             row[k] = place[k].plane < 0 ? 0 : *value_at(m, &place[k], i);
-        fwrite(row, sizeof(float), PROPERTIES, w.stream);
+        fwrite(row, sizeof(float), PROPERTIES, w->stream);
     }
-    return sg_file_commit(ctx, &w);
+    return sg_file_sync(ctx, w);
 }
 
 /* ---- networks ---- */
@@ -227,21 +229,22 @@ static char *header_text(const struct sg_networks *n, const struct tensor *tenso
     return text;
 }
 
-static int write_networks(sg_ctx *ctx, struct sg_networks *n, const char *path)
+/* As write_anchors. */
+static int write_networks(sg_ctx *ctx, struct sg_networks *n, const char *path,
+                          struct sg_file_writer *w)
 {
     struct tensor tensors[MOST_TENSORS];
-    struct sg_file_writer w = {0};
     const int count = list_tensors(n->parts, n->photos, tensors);
     char *text = header_text(n, tensors, count);
-    int code = text ? sg_file_create(ctx, &w, path) : sg_fail(ctx, SG_ERR_BUDGET, "out of memory");
+    int code = text ? sg_file_create(ctx, w, path) : sg_fail(ctx, SG_ERR_BUDGET, "out of memory");
     if (!code) {
         const uint64_t size = (strlen(text) + 7) / 8 * 8; /* padded with spaces */
-        fwrite(&size, sizeof(size), 1, w.stream);
-        fprintf(w.stream, "%-*s", (int) size, text);
+        fwrite(&size, sizeof(size), 1, w->stream);
+        fprintf(w->stream, "%-*s", (int) size, text);
         for (int k = 0; k < count; k++)
             for (size_t i = 0; i < values_of(&tensors[k]); i++)
-                fwrite(weight_at(n, &tensors[k], i), sizeof(float), 1, w.stream);
-        code = sg_file_commit(ctx, &w);
+                fwrite(weight_at(n, &tensors[k], i), sizeof(float), 1, w->stream);
+        code = sg_file_sync(ctx, w);
     }
     free(text);
     return code;
@@ -365,15 +368,64 @@ static char *networks_path(sg_ctx *ctx, const char *path)
 
 /* ---- both ---- */
 
+/* SG_ERR_INPUT for the anchors of another model: the networks are theirs. A file that cannot be
+ * read as such has none. */
+static int refuse_owner(sg_ctx *ctx, const char *other, const char *beside)
+{
+    bool anchors;
+    const int code = sg_anchors_recognise(ctx, other, &anchors);
+    if (code == SG_ERR_BUDGET)
+        return code;
+    sg_clear_error(ctx);
+    return anchors ? sg_fail(ctx, SG_ERR_INPUT,
+                             "%s: cannot write: found the networks of the anchors in %s, expected "
+                             "one model of anchors in a folder",
+                             beside, other)
+                   : SG_OK;
+}
+
+/* The same for all PLY files beside a path. */
+static int refuse_owners(sg_ctx *ctx, const char *path, const char *beside)
+{
+    const char *name = sg_base_name(path);
+    const int folder_length = (int) (name - path);
+    char *folder = sg_strf(ctx, "%.*s.", folder_length, path);
+    DIR *d = folder ? opendir(folder) : NULL;
+    int code = folder ? SG_OK : SG_ERR_BUDGET;
+    for (struct dirent *e; d && !code && (e = readdir(d));) {
+        const char *ending = strrchr(e->d_name, '.');
+        if (!ending || strcasecmp(ending, ".ply") != 0 || !strcmp(e->d_name, name))
+            continue;
+        char *other = sg_strf(ctx, "%.*s%s", folder_length, path, e->d_name);
+        code = other ? refuse_owner(ctx, other, beside) : SG_ERR_BUDGET;
+        sg_free(other);
+    }
+    if (d)
+        closedir(d);
+    sg_free(folder);
+    return code;
+}
+
 int sg_anchors_write(sg_ctx *ctx, const struct sg_model *m, const char *path)
 {
+    struct sg_file_writer of_networks = {0}, of_anchors = {0};
     char *beside = networks_path(ctx, path);
-    int code = beside ? write_networks(ctx, m->columns->networks, beside) : SG_ERR_BUDGET;
+    int code = beside ? SG_OK : SG_ERR_BUDGET;
+    if (!code && sg_file_exists(beside))
+        code = refuse_owners(ctx, path, beside);
+    if (!code)
+        code = write_networks(ctx, m->columns->networks, beside, &of_networks);
+    if (!code)
+        code = write_anchors(ctx, m, path, &of_anchors);
+    if (!code) /* with the bytes of both on the disk */
+        code = sg_file_commit(ctx, &of_networks);
     if (!code) {
-        code = write_anchors(ctx, m, path);
+        code = sg_file_commit(ctx, &of_anchors);
         if (code) /* networks are no model without their anchors */
             unlink(beside);
     }
+    sg_file_abandon(&of_networks);
+    sg_file_abandon(&of_anchors);
     sg_free(beside);
     return code;
 }
