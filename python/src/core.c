@@ -511,15 +511,21 @@ static PyObject *float_text(PyObject *value)
     return text;
 }
 
-/* The text of a value as option tables read it, as bytes. */
+/* The text of a value as option tables read it, as bytes. Names of folders are paths as elsewhere:
+ * text, bytes or os.PathLike, in any encoding. */
 static PyObject *text_of(PyObject *value)
 {
-    PyObject *text;
-    if (PyBool_Check(value))
-        text = PyUnicode_FromString(value == Py_True ? "true" : "false");
-    else
-        text = PyFloat_Check(value) ? float_text(value) : PyObject_Str(value);
-    PyObject *bytes = text ? PyUnicode_AsUTF8String(text) : NULL;
+    PyObject *text = PyOS_FSPath(value);
+    if (text && PyBytes_Check(text))
+        return text;
+    if (!text && PyErr_ExceptionMatches(PyExc_TypeError)) { /* it is none of these */
+        PyErr_Clear();
+        if (PyBool_Check(value))
+            text = PyUnicode_FromString(value == Py_True ? "true" : "false");
+        else
+            text = PyFloat_Check(value) ? float_text(value) : PyObject_Str(value);
+    }
+    PyObject *bytes = text ? PyUnicode_EncodeFSDefault(text) : NULL;
     Py_XDECREF(text);
     return bytes;
 }

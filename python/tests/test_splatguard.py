@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import os
+import pathlib
 import re
 import signal
 import subprocess
@@ -579,6 +580,28 @@ def test_names_of_photos_need_not_be_utf8(tmp_path):
         os.fsdecode(name)[:-4] for name in names)
     with pytest.raises(ValueError, match="null byte"):
         sg.Scene.build([sg.View("a\0b", camera(0), photo(0))])
+
+
+def test_names_of_folders_need_not_be_utf8(tmp_path):
+    names = dict(colmap=b"sparse/caf\xe9", images=b"images\xff", masks=b"masks\xe9")
+    for name in names.values():
+        os.makedirs(os.path.join(os.fsencode(tmp_path), name))
+    files = {
+        ("colmap", b"cameras.txt"): b"1 PINHOLE %d %d 60 60 20 20\n" % (SIDE, SIDE),
+        ("colmap", b"points3D.txt"): b"1 0 0 4 90 90 90 0.5\n",
+        ("colmap", b"images.txt"): b"1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 1 0 0 1 b.png\n\n",
+        ("images", b"a.png"): tour.png(photo(0)), ("images", b"b.png"): tour.png(photo(1)),
+        ("masks", b"a.png"): tour.png(np.zeros((SIDE, SIDE, 3), np.uint8))}
+    for (folder, name), content in files.items():
+        with open(os.path.join(os.fsencode(tmp_path), names[folder], name), "wb") as f:
+            f.write(content)
+    for kind in (bytes, os.fsdecode, lambda name: pathlib.Path(os.fsdecode(name))):
+        scene = sg.Scene.load(tmp_path, **{key: kind(name) for key, name in names.items()})
+        assert [view.mask is not None for view in scene.train] == [True, False]
+    with pytest.raises(sg.InputError, match="masks.: found no such folder"):
+        sg.Scene.load(tmp_path, **{**names, "masks": b"masks\xfe"})
+    with pytest.raises(sg.UsageError, match="images: found b'a.x00b', expected no zero byte"):
+        sg.Scene.load(tmp_path, images=b"a\0b")
 
 
 # ---- attack and defense ----
