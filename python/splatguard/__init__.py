@@ -375,12 +375,14 @@ class Model:
         context = _context(context)
         return cls._of(_core.model_read(context, path, max_gaussians), context)
 
-    def save(self, path, format="auto", spz_version=3):
+    def save(self, path, format="auto", spz_version=None):
         """Writes .ply, .compressed.ply, .splat, .spz, .sog or .glb, by the ending or `format`.
-        Replaces an existing file. The new one appears whole or not at all."""
+        spz_version: of .spz alone, 2 to 4; None: 3. Replaces an existing file. The new one appears
+        whole or not at all."""
         if format not in _FORMATS:
             raise UsageError(f"format: found {format!r}, expected one of {', '.join(_FORMATS)}")
-        _core.model_write(self._handle, path, _FORMATS.index(format), spz_version)
+        version = () if spz_version is None else (spz_version,)
+        _core.model_write(self._handle, path, _FORMATS.index(format), *version)
 
     def __len__(self):
         return _core.model_shape(self._handle)[0]

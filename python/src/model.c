@@ -73,14 +73,20 @@ static PyObject *model_write(PyObject *module, PyObject *args)
     (void) module;
     struct handle *h;
     PyObject *path;
-    int format, spz_version;
-    if (!PyArg_ParseTuple(args, "O&O&ii", to_model, &h, PyUnicode_FSConverter, &path, &format,
-                          &spz_version))
+    int format;
+    struct sg_model_file file = sg_model_file_default();
+    if (!PyArg_ParseTuple(args, "O&O&i|i", to_model, &h, PyUnicode_FSConverter, &path, &format,
+                          &file.spz_version))
         return NULL;
-    const struct sg_model_file file = {.format = (enum sg_model_format) format,
-                                       .spz_version = spz_version};
+    const char *name = PyBytes_AsString(path);
+    file.format = format ? (enum sg_model_format) format : sg_model_format_of(name);
+    const bool unused = PyTuple_Size(args) > 3 && file.format && file.format != SG_MODEL_SPZ;
+    if (unused)
+        PyErr_Format(error_type(SG_ERR_USAGE),
+                     "spz_version: found without effect on the format %s, expected spz",
+                     sg_model_format_name(file.format));
     const bool good =
-        CALL(h->context, sg_model_write(h->context->ctx, h->model, PyBytes_AsString(path), &file));
+        !unused && CALL(h->context, sg_model_write(h->context->ctx, h->model, name, &file));
     Py_DECREF(path);
     return good ? Py_BuildValue("") : NULL;
 }

@@ -988,6 +988,16 @@ def test_files_of_models(tmp_path):
         model.save(tmp_path / "v.spz", spz_version=version)
         versions.append(gzip.decompress((tmp_path / "v.spz").read_bytes())[4])
     assert versions == [2, 3]
+    model.save(tmp_path / "v.spz")
+    assert gzip.decompress((tmp_path / "v.spz").read_bytes())[4] == 3
+    for name, format in ("v.ply", "auto"), ("v.spz", "ply"), ("v.spz", "sog"):
+        before = sorted(os.listdir(tmp_path))
+        with pytest.raises(sg.UsageError, match="spz_version: found without effect on the format "):
+            model.save(tmp_path / name, format, spz_version=3)
+        assert sorted(os.listdir(tmp_path)) == before
+    for wrong in 0, 5:
+        with pytest.raises(sg.UsageError, match=f"spz_version: found {wrong}, expected 2 to 4"):
+            model.save(tmp_path / "v.spz", spz_version=wrong)
     model_of(20, 0).save(tmp_path / "m.ply")  # replaces the file
     assert len(sg.Model.load(tmp_path / "m.ply")) == 20
     box = ((-9, -9, -9), (0, 9, 9))
