@@ -200,6 +200,31 @@ static PyObject *model_inspect(PyObject *module, PyObject *args)
                          "transparent", (Py_ssize_t) i.transparent);
 }
 
+#define UNASKED INT_MIN
+
+/* Without an appearance that is asked for, the default; else whether the model has it. */
+static bool settle_appearance(const struct sg_model *model, struct sg_render_params *p)
+{
+    const size_t learned = sg_model_appearances(model);
+    char found[32];
+    if (p->appearance == UNASKED) {
+        p->appearance = sg_render_params_default().appearance;
+        return true;
+    }
+    if (p->appearance >= 0 ? (size_t) p->appearance < learned : learned > 0)
+        return true;
+    sg_option_get(sg_option_find(sg_render_options(), "appearance"), p, found, sizeof(found));
+    if (learned)
+        PyErr_Format(error_type(SG_ERR_USAGE),
+                     "appearance: found %s, expected a photo from 0 to %zu, or index, mean or zero",
+                     found, learned - 1);
+    else
+        PyErr_Format(error_type(SG_ERR_USAGE),
+                     "appearance: found %s, expected none: the model has no appearances of photos",
+                     found);
+    return false;
+}
+
 static PyObject *renderer_new(PyObject *module, PyObject *args)
 {
     (void) module;
@@ -207,10 +232,11 @@ static PyObject *renderer_new(PyObject *module, PyObject *args)
     PyObject *dict, *keep = PyList_New(0);
     const char *engine, *cpu;
     struct sg_render_params p = sg_render_params_default();
+    p.appearance = UNASKED;
     if (keep &&
         PyArg_ParseTuple(args, "O&zzO!(fff)", to_model, &model, &engine, &cpu, &PyDict_Type, &dict,
                          &p.background[0], &p.background[1], &p.background[2]) &&
-        params_set(sg_render_options(), &p, dict, keep) &&
+        params_set(sg_render_options(), &p, dict, keep) && settle_appearance(model->model, &p) &&
         (h = handle_new(RENDERER, model->context, NULL)) &&
         /* A model that is not finite can be inspected but not drawn. */
         !CALL(model->context, sg_model_check(model->context->ctx, model->model, "model")

@@ -854,6 +854,20 @@ def test_arguments_without_effect_are_refused(tmp_path):
         sg.evaluate(sg.Renderer(model), scene, split="train", background=(1, 1, 1))
 
 
+def test_appearances_that_a_model_does_not_have_are_refused():
+    scene = scene_of(views=3)
+    few = dict(iterations=1, init_points=50, model="scaffold", voxel_size=0.2)
+    for wrong in 0, "mean", "zero", "index":
+        for plain in model_of(), sg.train(scene, **few):
+            with pytest.raises(sg.UsageError, match=f"appearance: found {wrong}, expected none"):
+                sg.Renderer(plain, appearance=wrong)
+    model = sg.train(scene, photo_appearance=True, **few)
+    for good in 2, "mean", "zero", "index", None:
+        sg.Renderer(model, appearance=good)
+    with pytest.raises(sg.UsageError, match="appearance: found 3, expected a photo from 0 to 2"):
+        sg.evaluate(model, scene, split="train", appearance=3)
+
+
 def test_parameters_without_effect_are_refused():
     scene = scene_of(views=3)
     few = dict(iterations=1, init_points=50)
