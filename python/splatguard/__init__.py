@@ -626,11 +626,11 @@ def train(scene, callback=None, save=None, **params):
 
 def evaluate(model, scene, split="test", match_colors=False, fps=False, **params):
     """PSNR (dB) and SSIM of a Model, or of a Renderer, on the views of a split, without masked
-    pixels: {psnr, ssim, views: [{name, psnr, ssim}]}, and what is asked for: fps, corrected_psnr,
-    corrected_ssim. match_colors: also after matching the colours of renders and photos. Renders
-    have the appearance that params ask for, also where a test photo has one of its own. fps:
-    measures frames per second. params: of Renderer, for a Model; its background is the scene's,
-    while a Renderer has its own."""
+    pixels: {psnr, ssim, views: [{name, psnr, ssim}]}, and what is asked for. match_colors:
+    corrected_psnr and corrected_ssim too, also of each view, after matching the colours of renders
+    and photos. Renders have the appearance that params ask for, also where a test photo has one of
+    its own. fps: fps too, frames per second. params: of Renderer, for a Model; its background is
+    the scene's, while a Renderer has its own."""
     _expect(model, (Model, Renderer), "model"), _expect(scene, Scene, "scene")
     _flag(match_colors, "match_colors"), _flag(fps, "fps")
     if params and isinstance(model, Renderer):

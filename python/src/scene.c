@@ -494,14 +494,12 @@ static PyObject *evaluate(PyObject *module, PyObject *args)
     for (size_t i = 0; i < e.views && views; i++) {
         const struct sg_view *v = view_of(h, test, (Py_ssize_t) i);
         const struct sg_view_score *s = &e.per_view[i];
-        PyObject *dict = Py_BuildValue("{s:N,s:d,s:d}", "name", PyUnicode_DecodeFSDefault(v->name),
-                                       "psnr", s->psnr, "ssim", s->ssim);
-        if (dict && match) {
-            PyObject *more = Py_BuildValue("(dd)", s->corrected_psnr, s->corrected_ssim);
-            if (!more || PyDict_SetItemString(dict, "corrected", more))
-                Py_CLEAR(dict);
-            Py_XDECREF(more);
-        }
+        PyObject *name = PyUnicode_DecodeFSDefault(v->name);
+        PyObject *dict =
+            match ? Py_BuildValue("{s:N,s:d,s:d,s:d,s:d}", "name", name, "psnr", s->psnr, "ssim",
+                                  s->ssim, "corrected_psnr", s->corrected_psnr, "corrected_ssim",
+                                  s->corrected_ssim)
+                  : Py_BuildValue("{s:N,s:d,s:d}", "name", name, "psnr", s->psnr, "ssim", s->ssim);
         list_take(&views, dict);
     }
     PyObject *dict = views ? Py_BuildValue("{s:d,s:d,s:d,s:d,s:d,s:O}", "psnr", e.psnr, "ssim",

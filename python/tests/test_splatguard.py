@@ -478,6 +478,14 @@ def test_evaluate():
     rounded = np.floor(np.clip(drawn, 0, 1) * 255 + 0.5)
     mse = np.mean((rounded - np.asarray(scene.test[0].image).astype(np.float64)) ** 2)
     assert abs(10 * math.log10(255**2 / mse) - scores["views"][0]["psnr"]) < 0.05
+    names = {"psnr", "ssim", "corrected_psnr", "corrected_ssim"}
+    for name in names:
+        assert abs(np.mean([v[name] for v in scores["views"]]) - scores[name]) < 1e-9
+    assert all(v["corrected_psnr"] != v["psnr"] for v in scores["views"])
+    assert set(scores) == names | {"views"} and set(scores["views"][0]) == names | {"name"}
+    plain = sg.evaluate(model, scene)
+    assert set(plain) == {"psnr", "ssim", "views"}
+    assert set(plain["views"][0]) == {"name", "psnr", "ssim"}
 
 
 @pytest.mark.parametrize("white", [False, True])
