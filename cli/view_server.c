@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
@@ -64,6 +65,9 @@ struct view_server {
     struct MHD_Response *scene, *state, *model; /* or NULL */
     bool closing;
     atomic_int wish;
+    /* Of the server's own thread: those that have not shown the token yet, the oldest first. */
+    struct MHD_Connection *strangers[CLIENTS];
+    int n_strangers, n_connections;
 };
 
 /* ---- libmicrohttpd ---- */
@@ -76,6 +80,7 @@ struct view_server {
     F(create_response_from_callback)                                                               \
     F(create_response_from_fd)                                                                     \
     F(destroy_response)                                                                            \
+    F(get_connection_info)                                                                         \
     F(get_connection_values)                                                                       \
     F(get_daemon_info)                                                                             \
     F(lookup_connection_value)                                                                     \
@@ -348,6 +353,36 @@ static enum MHD_Result serve(view_server *s, struct request *q, const char *name
     return say_status(c, MHD_HTTP_NOT_FOUND, "no such page\n");
 }
 
+static void forget_stranger(view_server *s, const struct MHD_Connection *c)
+{
+    for (int i = 0; i < s->n_strangers; i++)
+        if (s->strangers[i] == c) {
+            memmove(&s->strangers[i], &s->strangers[i + 1],
+                    (size_t) (--s->n_strangers - i) * sizeof(s->strangers[0]));
+            return;
+        }
+}
+
+/* A connection begins or ends. At CLIENTS of them the server accepts no other one, so that the
+ * oldest stranger makes room for whoever comes next. */
+static void count_connection(void *cls, struct MHD_Connection *c, void **kept,
+                             enum MHD_ConnectionNotificationCode what)
+{
+    (void) kept;
+    view_server *s = cls;
+    if (what == MHD_CONNECTION_NOTIFY_CLOSED) {
+        s->n_connections--;
+        forget_stranger(s, c);
+        return;
+    }
+    s->n_connections++;
+    s->strangers[s->n_strangers++] = c;
+    if (s->n_connections == CLIENTS && s->n_strangers > 1)
+        shutdown(
+            mhd.get_connection_info(s->strangers[0], MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd,
+            SHUT_RDWR);
+}
+
 /* libmicrohttpd calls it when the headers are there, for each piece of a body, and when all is
  * there; again after a picture was drawn. */
 static enum MHD_Result handle(void *cls, struct MHD_Connection *c, const char *url,
@@ -377,6 +412,7 @@ static enum MHD_Result handle(void *cls, struct MHD_Connection *c, const char *u
     if (!is_allowed(s, c, url))
         return say_status(c, MHD_HTTP_FORBIDDEN,
                           "Open the address that splatguard has printed, with all its letters.\n");
+    forget_stranger(s, c);
     if (!post && strcmp(method, "GET"))
         return say_status(c, MHD_HTTP_METHOD_NOT_ALLOWED, "GET or POST\n");
     return serve(s, q, url + TOKEN + 2, post);
@@ -555,8 +591,8 @@ int view_server_open(sg_ctx *ctx, int port, view_server **out)
         MHD_USE_AUTO | MHD_USE_INTERNAL_POLLING_THREAD | MHD_ALLOW_SUSPEND_RESUME, (uint16_t) port,
         NULL, NULL, handle, s, MHD_OPTION_SOCK_ADDR, &place, MHD_OPTION_CONNECTION_LIMIT,
         (unsigned) CLIENTS, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t) CLIENT_BYTES,
-        MHD_OPTION_CONNECTION_TIMEOUT, (unsigned) CLIENT_SECONDS, MHD_OPTION_NOTIFY_COMPLETED,
-        completed, s, MHD_OPTION_END);
+        MHD_OPTION_CONNECTION_TIMEOUT, (unsigned) CLIENT_SECONDS, MHD_OPTION_NOTIFY_CONNECTION,
+        count_connection, s, MHD_OPTION_NOTIFY_COMPLETED, completed, s, MHD_OPTION_END);
     const union MHD_DaemonInfo *info =
         s->daemon ? mhd.get_daemon_info(s->daemon, MHD_DAEMON_INFO_BIND_PORT) : NULL;
     s->port = info ? info->port : 0;

@@ -184,4 +184,21 @@ for s in idle + slow + hungry:
 until = time.monotonic() + 20
 while picture(0, 0)[0] != 200:
     assert time.monotonic() < until, "the page does not come back"
+
+# More connections than the server has: those without the token make room, the oldest first.
+def crowd(text):
+    held = []
+    for _ in range(300):
+        held.append(socket.create_connection(("127.0.0.1", int(port))))
+        held[-1].sendall(text)
+    begin = time.monotonic()
+    assert picture(0, 0)[0] == 200
+    assert time.monotonic() - begin < 5, "%d strangers hold the page up" % len(held)
+    for s in held:
+        s.close()
+
+
+crowd(b"")
+crowd(b"GET / HTTP/1.1\r\nX: ")
+crowd(("GET /%s/ HTTP/1.1\r\nHost: %s\r\n\r\n" % ("0" * 32, here)).encode())
 print("220 strangers and 300 pictures that wait: %d kB" % (grown // 1024))
