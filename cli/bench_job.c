@@ -204,7 +204,9 @@ static bool start_phase(struct scheduler *s, int index)
     const off_t said = lseek(err, 0, SEEK_END);
     w->said = said > 0 ? (size_t) said : 0;
     const pid_t parent = getpid();
+    interrupt_hold();
     w->pid = out < 0 || err < 0 || !whole ? -1 : fork();
+    interrupt_release(!w->pid);
     if (!w->pid) {
         setpgid(0, 0);
         prctl(PR_SET_PDEATHSIG, SIGTERM);

@@ -11,6 +11,9 @@
  * signals on two threads at once. */
 static _Atomic int64_t first;
 static bool by_steps;
+static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
+#define SIGNALS (sizeof(signals) / sizeof(signals[0]))
+static sigset_t before_hold;
 
 static void on_signal(int signal_number)
 {
@@ -26,7 +29,6 @@ static void on_signal(int signal_number)
 
 void interrupt_catch(void)
 {
-    static const int signals[] = {SIGINT, SIGTERM, SIGHUP};
     static bool done;
     struct sigaction action, before;
     if (done)
@@ -34,8 +36,8 @@ void interrupt_catch(void)
     done = true;
     memset(&action, 0, sizeof(action));
     action.sa_handler = on_signal;
-    action.sa_flags = SA_RESTART; /* what saves is not cut short */
-    for (int i = 0; i < 3; i++)   /* ignored: as nohup and a shell's & set it */
+    action.sa_flags = SA_RESTART;        /* what saves is not cut short */
+    for (size_t i = 0; i < SIGNALS; i++) /* ignored: as nohup and a shell's & set it */
         if (!sigaction(signals[i], NULL, &before) && before.sa_handler != SIG_IGN)
             sigaction(signals[i], &action, NULL);
 }
@@ -43,6 +45,24 @@ void interrupt_catch(void)
 bool interrupted(void)
 {
     return first != 0;
+}
+
+void interrupt_hold(void)
+{
+    sigset_t held;
+    sigemptyset(&held);
+    for (size_t i = 0; i < SIGNALS; i++)
+        sigaddset(&held, signals[i]);
+    pthread_sigmask(SIG_BLOCK, &held, &before_hold);
+}
+
+void interrupt_release(bool child)
+{
+    struct sigaction now;
+    for (size_t i = 0; i < SIGNALS && child; i++)
+        if (!sigaction(signals[i], NULL, &now) && now.sa_handler == on_signal)
+            signal(signals[i], SIG_DFL);
+    pthread_sigmask(SIG_SETMASK, &before_hold, NULL);
 }
 
 void interrupt_by_steps(void)

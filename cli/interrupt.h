@@ -11,6 +11,11 @@
 void interrupt_catch(void);
 bool interrupted(void);
 
+/* Before a fork, and after it in both processes: signals that come in between wait. One to the
+ * child ends it then; the flag would be lost with the program that it becomes. */
+void interrupt_hold(void);
+void interrupt_release(bool child);
+
 /* The flag cancels whatever the library does, until a command asks it itself between its steps:
  * then it saves first. */
 void interrupt_by_steps(void);

@@ -7,7 +7,7 @@ endif()
 # for what sanitizers need not repeat, `fuzz`, `memory`. A new test gets `threads`, unless it is listed here: it has one
 # thread, or those of test_trainer (test_budget).
 set(SG_SERIAL test_alloc_failure test_budget test_checkpoint test_columns test_disk_errors test_folder test_format test_gradients
-    test_image test_path test_ply test_sog)
+    test_image test_interrupt test_path test_ply test_sog)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c tests/engine/test_*.c)
 if(NOT ZLIB_FOUND)
     message(STATUS "test_format, test_sog, test_archive, test_disk_errors: left out, zlib is missing")
@@ -47,6 +47,8 @@ function(sg_wrap program)
         target_link_options(${program} PRIVATE LINKER:--wrap=${name})
     endforeach()
 endfunction()
+target_sources(test_interrupt PRIVATE cli/interrupt.c)
+target_include_directories(test_interrupt PRIVATE cli)
 if(TARGET test_disk_errors)
     sg_wrap(test_disk_errors pread)
 endif()
