@@ -6,7 +6,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
 #include <jansson.h>
 
@@ -419,11 +418,8 @@ int sg_anchors_write(sg_ctx *ctx, const struct sg_model *m, const char *path)
         code = write_anchors(ctx, m, path, &of_anchors);
     if (!code) /* with the bytes of both on the disk */
         code = sg_file_commit(ctx, &of_networks);
-    if (!code) {
+    if (!code)
         code = sg_file_commit(ctx, &of_anchors);
-        if (code) /* networks are no model without their anchors */
-            unlink(beside);
-    }
     sg_file_abandon(&of_networks);
     sg_file_abandon(&of_anchors);
     sg_free(beside);
