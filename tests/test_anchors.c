@@ -441,6 +441,26 @@ static void test_second(void **state)
     assert_memory_equal(now, networks, size);
     free(now);
 
+    /* Networks that came from elsewhere; but anchors that do not name theirs take them. */
+    struct sg_model *read;
+    char *ply = slurp(model_path, &size_now), *name = strstr(ply, "XXH3-64 ");
+    float *weight = &first->columns->networks->value.input[0][0];
+    *weight += 1;
+    assert_int_equal(sg_model_write_ply(ctx, first, model_path), SG_OK);
+    *weight -= 1;
+    spill(weights_path, networks, size);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 1000, &read), SG_ERR_INPUT);
+    assert_non_null(
+        strstr(sg_last_error(ctx), "networks.safetensors: found networks with the hash"));
+    assert_non_null(name);
+    *name = '-'; /* a comment like others */
+    memcpy(networks + size - 4, (float[]){0.5f}, 4);
+    spill(model_path, ply, size_now);
+    spill(weights_path, networks, size);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 1000, &read), SG_OK);
+    sg_model_destroy(&read);
+    free(ply);
+
     /* Files that are no anchors do not count. */
     spill(other, "ply\n", 4);
     assert_int_equal(sg_model_write_ply(ctx, second, model_path), SG_OK);

@@ -8,6 +8,8 @@
 #include <string.h>
 
 #include <jansson.h>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
 
 #include "anchors.h"
 #include "core/file.h"
@@ -59,7 +61,7 @@ static float *value_at(const struct sg_model *m, const struct place *p, size_t i
 
 /* To be committed, or abandoned after an error. */
 static int write_anchors(sg_ctx *ctx, const struct sg_model *m, const char *path,
-                         struct sg_file_writer *w)
+                         const char *of_networks, struct sg_file_writer *w)
 {
     struct place place[PROPERTIES];
     const int code = sg_file_create(ctx, w, path);
@@ -68,8 +70,8 @@ static int write_anchors(sg_ctx *ctx, const struct sg_model *m, const char *path
     list_properties(place);
     fprintf(w->stream,
             "ply\nformat binary_little_endian 1.0\ncomment splatguard %s, anchors of Scaffold-GS: "
-            "their networks are in " SG_NETWORKS_FILE "\nelement vertex %zu\n",
-            sg_version(), m->count);
+            "their networks are in " SG_NETWORKS_FILE "\n" PLY_NETWORKS "%s\nelement vertex %zu\n",
+            sg_version(), of_networks, m->count);
     for (int k = 0; k < PROPERTIES; k++)
         fprintf(w->stream, "property float %s\n", place[k].name);
     fprintf(w->stream, "end_header\n");
@@ -226,6 +228,12 @@ static char *header_text(const struct sg_networks *n, const struct tensor *tenso
     char *text = json_dumps(root, JSON_COMPACT);
     json_decref(root);
     return text;
+}
+
+/* By which anchors know their networks: of all bytes of the file. */
+static void hash_of(const char *bytes, size_t size, char out[PLY_HASH])
+{
+    snprintf(out, PLY_HASH, "%016" PRIx64, (uint64_t) XXH3_64bits(bytes, size));
 }
 
 /* As write_anchors. */
@@ -405,8 +413,20 @@ static int refuse_owners(sg_ctx *ctx, const char *path, const char *beside)
     return code;
 }
 
+static int hash_written(sg_ctx *ctx, const struct sg_file_writer *w, char out[PLY_HASH])
+{
+    char *bytes;
+    size_t size;
+    const int code = sg_file_read(ctx, w->temporary, FILE_MAX, &bytes, &size);
+    if (!code)
+        hash_of(bytes, size, out);
+    sg_free(bytes);
+    return code;
+}
+
 int sg_anchors_write(sg_ctx *ctx, const struct sg_model *m, const char *path)
 {
+    char hash[PLY_HASH];
     struct sg_file_writer of_networks = {0}, of_anchors = {0};
     char *beside = networks_path(ctx, path);
     int code = beside ? SG_OK : SG_ERR_BUDGET;
@@ -415,7 +435,9 @@ int sg_anchors_write(sg_ctx *ctx, const struct sg_model *m, const char *path)
     if (!code)
         code = write_networks(ctx, m->columns->networks, beside, &of_networks);
     if (!code)
-        code = write_anchors(ctx, m, path, &of_anchors);
+        code = hash_written(ctx, &of_networks, hash);
+    if (!code)
+        code = write_anchors(ctx, m, path, hash, &of_anchors);
     if (!code) /* with the bytes of both on the disk */
         code = sg_file_commit(ctx, &of_networks);
     if (!code)
@@ -447,13 +469,15 @@ static int read_rows(sg_ctx *ctx, struct ply *p, const struct place *place, cons
     return sg_ply_finish(ctx, p);
 }
 
+/* of_networks: their hash, or "". */
 static int read_anchors(sg_ctx *ctx, struct sg_source *in, uint64_t max_anchors,
-                        struct sg_model **out)
+                        char of_networks[PLY_HASH], struct sg_model **out)
 {
     struct ply p;
     struct place place[PROPERTIES];
     int index[PROPERTIES];
     int code = sg_ply_open(ctx, &p, in, max_anchors);
+    memcpy(of_networks, p.networks, PLY_HASH);
     list_properties(place);
     for (int k = 0; k < PROPERTIES && !code; k++)
         if ((index[k] = sg_ply_find(&p, place[k].name)) < 0 && place[k].plane >= 0)
@@ -476,12 +500,13 @@ int sg_anchors_read(sg_ctx *ctx, const char *path, uint64_t max_anchors, struct 
 {
     struct sg_source in;
     char *beside = networks_path(ctx, path), *bytes = NULL;
+    char expected[PLY_HASH], found[PLY_HASH];
     struct sg_networks *networks_read = NULL;
     size_t size = 0;
     *out = NULL;
     int code = beside ? sg_source_open(ctx, &in, path, PLY_MAX_BYTES) : SG_ERR_BUDGET;
     if (!code)
-        code = read_anchors(ctx, &in, max_anchors, out);
+        code = read_anchors(ctx, &in, max_anchors, expected, out);
     if (beside)
         sg_source_close(&in);
     if (!code && !sg_file_exists(beside))
@@ -493,6 +518,14 @@ int sg_anchors_read(sg_ctx *ctx, const char *path, uint64_t max_anchors, struct 
         code = sg_file_read(ctx, beside, FILE_MAX, &bytes, &size);
     if (!code)
         code = parse_networks(ctx, beside, bytes, size, &networks_read);
+    if (!code && *expected) {
+        hash_of(bytes, size, found);
+        if (strcmp(found, expected) != 0)
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found networks with the hash %s, expected those that %s was saved "
+                           "with, %s",
+                           beside, found, path, expected);
+    }
     if (!code) {
         sg_free((*out)->columns->networks);
         (*out)->columns->networks = networks_read;

@@ -10,6 +10,8 @@
 #define PLY_MAX_BYTES ((uint64_t) 1 << 36)
 #define PLY_MAX_PROPERTIES 256 /* of all elements together */
 #define PLY_MAX_ELEMENTS 32
+#define PLY_NETWORKS "comment networks XXH3-64 "
+#define PLY_HASH 17 /* with the zero that ends it */
 
 enum ply_format { PLY_NO_FORMAT, PLY_ASCII, PLY_LITTLE, PLY_BIG };
 enum ply_type { PLY_I8, PLY_U8, PLY_I16, PLY_U16, PLY_I32, PLY_U32, PLY_F32, PLY_F64 };
@@ -36,7 +38,8 @@ struct ply {
     size_t row_bytes; /* of a binary element without lists, else 0 */
     const struct ply_property *property;
     int elements, total;
-    int current; /* index of the element being read */
+    int current;             /* index of the element being read */
+    char networks[PLY_HASH]; /* of the file of networks, by a comment; "": there is none */
     struct ply_element element[PLY_MAX_ELEMENTS];
     struct ply_property all[PLY_MAX_PROPERTIES];
 };

@@ -175,7 +175,9 @@ int sg_ply_parse_header(sg_ctx *ctx, struct ply *p)
             code = parse_element(ctx, p, line, at);
         else if (starts(line, "property"))
             code = parse_property(ctx, p, line, at);
-        else if (!starts(line, "comment") && !starts(line, "obj_info") && line[0])
+        else if (starts(line, "comment"))
+            sscanf(line, PLY_NETWORKS "%16[0-9a-f]", p->networks);
+        else if (!starts(line, "obj_info") && line[0])
             code = sg_fail(ctx, SG_ERR_INPUT,
                            "%s: line %d: found \"%.60s\", expected a PLY header line", p->in->path,
                            at, line);
