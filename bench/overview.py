@@ -10,7 +10,8 @@ are bold. From tolerance.tsv it writes tolerance-back.tsv: a row is a poisoned s
 the shares of the lost PSNR and SSIM that come back, and the Gaussians as a multiple of clean training. From desk.tsv
 it writes desk-back.tsv: a row is a defense, a column a kind of photos, whose cells are the shares of the lost PSNR, of
 that on the object and of the SSIM, and the most Gaussians as a multiple of clean training; or what is lost, for clean
-photos and without a defense."""
+photos and without a defense. From desk.tsv and desk-limits.tsv it writes desk-budgets.tsv: a row is who stays, a column
+a kind of photos and a limit, whose cells are the PSNR, that on the object and the SSIM."""
 import csv
 import os
 
@@ -107,10 +108,50 @@ def write_desk_back(rows):
                   *tail([r for r in rows if (r["scene"], r["defense"]) == (scene, defense)]), sep="\t", file=out)
 
 
+LIMITS = ["1.00", "0.50", "0.25"]
+WAYS = {"universal threshold": ("ut-clean", "", ""),
+        "filter's score": ("cap", "half", "quarter"),
+        "at random": ("cap-random", "half-random", "quarter-random"),
+        "MCMC": ("mcmc", "half-mcmc", "quarter-mcmc"),
+        "LightGaussian, after training": ("full-lightgaussian", "half-lightgaussian", "quarter-lightgaussian"),
+        "PUP 3D-GS, after training": ("full-pup", "half-pup", "quarter-pup"),
+        "`auto`, filter's score": ("full-auto", "half-auto", "quarter-auto")}
+
+
+def limited(of, photos, name):
+    """The row of a run with a limit. A limit that a run does not reach by itself changes nothing."""
+    auto = of.get((photos, "auto"))
+    if name == "full-auto" and auto and float(auto["of clean"]) <= 1:
+        return auto
+    return of.get((photos, name))
+
+
+def write_desk_budgets(rows):
+    kinds = unique(r["photos"] for r in rows)
+    of = {(r["photos"], r["defense"]): r for r in rows if r["scene"] == "lego"}
+    with open(os.path.join(RESULTS, "desk-budgets.tsv"), "w") as out:
+        print("who stays", *(f"{p}, {limit}" for p in kinds for limit in LIMITS), "commit", "machine", sep="\t",
+              file=out)
+        for way, names in WAYS.items():
+            cells = [limited(of, p, name) for p in kinds for name in names]
+            if not any(cells):
+                continue
+            print(way, *(" / ".join(r[c].lstrip("*") for c in VIEWS) if r else "" for r in cells),
+                  *tail([r for r in cells if r]), sep="\t", file=out)
+
+
+def write_desk():
+    rows = read("desk.tsv")
+    write_desk_back(rows)
+    limits = read("desk-limits.tsv")
+    kinds = {r["photos"] for r in limits}
+    write_desk_budgets([r for r in rows if r["photos"] in kinds] + limits)
+
+
 def main():
     write_evening()
     write_tolerance()
-    write_desk_back(read("desk.tsv"))
+    write_desk()
 
 
 if __name__ == "__main__":

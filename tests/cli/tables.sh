@@ -69,7 +69,7 @@ if command -v python3 >/dev/null; then
     mkdir side
     cp "$source_dir"/bench/overview.py side
     mkdir side/results
-    for table in evening tolerance desk; do
+    for table in evening tolerance desk desk-limits; do
         cp "$source_dir/bench/results/$table.tsv" side/results
     done
     python3 side/overview.py || fail "bench/overview.py failed"
