@@ -104,6 +104,7 @@ unchanged "a killed proxy"
 sed -i "s/\"proxy-iterations\": 20000/\"proxy-iterations\": $proxy/" early/attack/config.json
 expect 0 attack --resume early -q
 grep -q '"method": "poison-splat"' early/poison.json || fail "a killed proxy is not continued"
+rm early/attack/log.jsonl # to see the next one begin
 "$tool" attack scene/colmap -o early --force $(once $options --proxy seed --iterations 20000) 2>err &
 pid=$!
 wait_for early/attack/log.jsonl
