@@ -76,11 +76,25 @@ static void remove_file(sg_ctx *ctx, const char *folder, const char *name)
     sg_free(path);
 }
 
+/* The config.json of a finished attack that is replaced. While it is there, all but FOLDER/attack
+ * belongs to that attack. */
+#define EARLIER "attack/earlier.json"
+
+/* A proxy is trained first, which can fail: the earlier attack stays until that is done. */
+static int keep_earlier(struct attack_run *r)
+{
+    json_t *config = NULL;
+    const char *folder = r->params->folder;
+    sg_run_read_json(r->ctx, folder, "attack/config.json", "config.json of an attack", &config);
+    sg_clear_error(r->ctx); /* one that cannot be read is of no use later */
+    return sg_run_write_json(r->ctx, folder, EARLIER, config ? config : json_object());
+}
+
 /* Until this attack ends, the images of an earlier one must not be taken for its own. */
 static int remove_earlier(struct attack_run *r)
 {
     static const char *const files[] = {"poison.json", "attack/log.jsonl", "attack/decoy.ply",
-                                        "attack/networks.safetensors"};
+                                        "attack/networks.safetensors", EARLIER};
     const struct sg_attack_run_params *p = r->params;
     const int code = sg_poisoned_scene_begin(r->ctx, r->scene, &p->files, p->folder);
     for (size_t i = 0; i < sizeof(files) / sizeof(files[0]) && !code; i++)
@@ -130,8 +144,7 @@ static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, c
     return t;
 }
 
-/* Trains the proxy like any run, in FOLDER/attack/proxy, or continues it. An earlier attack is
- * removed when that is done. */
+/* Trains the proxy like any run, in FOLDER/attack/proxy, or continues it. */
 static int train_proxy(struct attack_run *r, char model[PATH_MAX])
 {
     const struct sg_attack_run_params *p = r->params;
@@ -163,13 +176,11 @@ static int train_proxy(struct attack_run *r, char model[PATH_MAX])
             code =
                 sg_fail(r->ctx, SG_ERR_BUDGET, "%s: memory did not suffice for the proxy", folder);
     }
+    if (!done && !code)
+        remove_file(r->ctx, folder, "checkpoint.bin"); /* it is complete: its model is enough */
     r->has_proxy = !code;
     if (!code)
         code = load_scene(r);
-    if (!done && !code)
-        code = remove_earlier(r);
-    if (!done && !code)
-        remove_file(r->ctx, folder, "checkpoint.bin"); /* it is complete: its model is enough */
     if (!code)
         code = sg_run_find_model(r->ctx, folder, 0, model, PATH_MAX);
     sg_run_params_clear(&own);
@@ -320,11 +331,11 @@ static bool has_checkpoint(sg_ctx *ctx, const char *folder)
            sg_run_has(ctx, folder, "attack/proxy/checkpoint.bin");
 }
 
-/* The folder holds a whole attack, and no other one that has begun to train its proxy. */
+/* The folder holds a whole attack, which no other one has begun to replace. */
 static bool is_finished(sg_ctx *ctx, const char *folder)
 {
-    return sg_run_has(ctx, folder, "poison.json") && !has_checkpoint(ctx, folder) &&
-           (!sg_run_has(ctx, folder, "attack/proxy/config.json") || has_proxy(ctx, folder));
+    return sg_run_has(ctx, folder, "poison.json") &&
+           !sg_run_has(ctx, folder, "attack/checkpoint.bin") && !sg_run_has(ctx, folder, EARLIER);
 }
 
 /* The folder holds nothing to continue from and nothing to use. */
@@ -346,18 +357,23 @@ static void discard_proxy(sg_ctx *ctx, const char *folder)
 }
 
 /* Makes FOLDER/attack with its config.json. Removes what an earlier attack left to continue from,
- * and all of it unless it is whole and a proxy is trained first, which can fail. */
+ * and all of it unless it is whole and a proxy is trained first. */
 static int begin_files(struct attack_run *r)
 {
     static const char *const files[] = {"attack/checkpoint.bin", "attack/proxy/summary.json",
                                         "attack/proxy/checkpoint.bin"};
     const struct sg_attack_run_params *p = r->params;
+    const bool keep = trains_proxy(p) && sg_run_has(r->ctx, p->folder, "poison.json") &&
+                      sg_run_has(r->ctx, p->folder, "attack/config.json");
     char *state = sg_strf(r->ctx, "%s/attack", p->folder);
     int code = state ? SG_OK : SG_ERR_BUDGET;
-    if (!code && !(trains_proxy(p) && sg_run_has(r->ctx, p->folder, "poison.json")))
+    if (!code && !keep)
         code = remove_earlier(r);
     if (!code)
         code = sg_dir_create(r->ctx, state);
+    if (!code && keep && !sg_run_has(r->ctx, p->folder, EARLIER))
+        code = keep_earlier(r);
+    r->keeps_earlier = keep && !code;
     sg_free(state);
     if (code)
         return code;
@@ -381,6 +397,18 @@ static void remove_begun(sg_ctx *ctx, const char *folder)
     sg_free(state);
 }
 
+/* The same where an earlier attack is still there: the folder is that attack's again. */
+static void return_earlier(sg_ctx *ctx, const char *folder)
+{
+    char *config = sg_strf(ctx, "%s/attack/config.json", folder),
+         *earlier = config ? sg_strf(ctx, "%s/" EARLIER, folder) : NULL;
+    discard_proxy(ctx, folder);
+    if (earlier)
+        rename(earlier, config);
+    sg_free(earlier);
+    sg_free(config);
+}
+
 static int name_checkpoint(const struct attack_run *r, int code)
 {
     return sg_run_name_checkpoint(r->ctx, code, r->params->folder, "attack/checkpoint.bin",
@@ -396,6 +424,10 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     if (trains_proxy(p)) {
         code = train_proxy(r, model);
         r->proxy = model;
+    }
+    if (!code && sg_run_has(r->ctx, p->folder, EARLIER)) {
+        code = remove_earlier(r);
+        r->keeps_earlier = false;
     }
     if (code)
         return code;
@@ -531,6 +563,8 @@ int sg_attack_run(sg_ctx *ctx, const struct sg_attack_run_params *p, enum sg_run
         }
         if (fresh && code && !r.status->resumable)
             remove_begun(ctx, p->folder);
+        else if (code && !r.status->resumable && r.keeps_earlier)
+            return_earlier(ctx, p->folder);
         const int closed = sg_run_log_close(&r.log);
         code = code ? code : closed;
         sg_attack_destroy(&r.attack);

@@ -13,6 +13,7 @@ struct attack_run {
     const struct sg_attack_run_params *params;
     struct sg_attack_params attack_params; /* with the preset applied */
     bool resume;
+    bool keeps_earlier; /* what is replaced stays until the proxy is trained */
     struct sg_scene *scene;
     sg_attack *attack;
     bool has_proxy;    /* it was trained, to the end */

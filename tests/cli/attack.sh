@@ -85,6 +85,7 @@ unchanged() {
 (trap '' XFSZ; ulimit -f 16; "$tool" attack scene/colmap -o early --force $replacing >out 2>err)
 says 'File too large'; unchanged "a proxy that failed"
 expect 0 attack --resume early; says 'the attack is finished' # it is the earlier one
+grep -q '"method": "noise"' early/attack/config.json || fail "the folder does not say whose it is"
 "$tool" attack scene/colmap -o early --force $replacing 2>err &
 pid=$!
 wait_for early/attack/proxy/log.jsonl
@@ -94,6 +95,10 @@ interrupt $pid
 says 'attack --resume early'
 grep -q 'train --resume' err && fail "the proxy's own command continues no attack"
 unchanged "an interrupted proxy"
+cp -r early taken # which takes another proxy after all
+expect 0 attack --resume taken --proxy seed -q
+expect 0 attack --resume taken; says 'the attack is finished'
+grep -q '"method": "poison-splat"' taken/poison.json || fail "the attack that was replaced is still there"
 rm early/attack/proxy/log.jsonl # to see the next one begin
 "$tool" attack scene/colmap -o early --force $replacing 2>err &
 pid=$!
@@ -101,6 +106,7 @@ wait_for early/attack/proxy/log.jsonl
 kill -9 $pid 2>/dev/null
 wait $pid 2>/dev/null
 unchanged "a killed proxy"
+rm -r early/attack/proxy # as if it was killed before
 sed -i "s/\"proxy-iterations\": 20000/\"proxy-iterations\": $proxy/" early/attack/config.json
 expect 0 attack --resume early -q
 grep -q '"method": "poison-splat"' early/poison.json || fail "a killed proxy is not continued"
