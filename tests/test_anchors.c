@@ -427,6 +427,19 @@ static void test_second(void **state)
     assert_non_null(strstr(sg_last_error(ctx), model_path));
     assert_int_equal(access(other, F_OK), -1);
 
+    /* whatever the names; but not of its own other name, and not where they are the same */
+    char unusual[96];
+    snprintf(unusual, sizeof(unusual), "%s/model", folder);
+    assert_int_equal(rename(model_path, unusual), 0);
+    assert_int_equal(sg_model_write_ply(ctx, second, other), SG_ERR_INPUT);
+    assert_int_equal(sg_model_write_ply(ctx, first, other), SG_OK);
+    unlink(other);
+    assert_int_equal(rename(unusual, model_path), 0);
+    assert_int_equal(symlink(model_path, unusual), 0);
+    assert_int_equal(sg_model_write_ply(ctx, second, model_path), SG_OK);
+    assert_int_equal(sg_model_write_ply(ctx, first, model_path), SG_OK);
+    unlink(unusual);
+
     /* no room on the disk for the anchors, but for the networks */
     struct rlimit before;
     assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);

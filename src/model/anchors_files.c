@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include <jansson.h>
 #define XXH_INLINE_ALL
@@ -391,20 +392,21 @@ static int refuse_owner(sg_ctx *ctx, const char *other, const char *beside)
                    : SG_OK;
 }
 
-/* The same for all PLY files beside a path. */
+/* The same for all files beside a path that are not that one by another name. */
 static int refuse_owners(sg_ctx *ctx, const char *path, const char *beside)
 {
-    const char *name = sg_base_name(path);
-    const int folder_length = (int) (name - path);
+    const int folder_length = (int) (sg_base_name(path) - path);
+    struct stat st, own = {0};
+    const bool replaces = !stat(path, &own);
     char *folder = sg_strf(ctx, "%.*s.", folder_length, path);
     DIR *d = folder ? opendir(folder) : NULL;
     int code = folder ? SG_OK : SG_ERR_BUDGET;
     for (struct dirent *e; d && !code && (e = readdir(d));) {
-        const char *ending = strrchr(e->d_name, '.');
-        if (!ending || strcasecmp(ending, ".ply") != 0 || !strcmp(e->d_name, name))
-            continue;
         char *other = sg_strf(ctx, "%.*s%s", folder_length, path, e->d_name);
-        code = other ? refuse_owner(ctx, other, beside) : SG_ERR_BUDGET;
+        const bool same = replaces && other && !stat(other, &st) && st.st_dev == own.st_dev &&
+                          st.st_ino == own.st_ino;
+        if (!same)
+            code = other ? refuse_owner(ctx, other, beside) : SG_ERR_BUDGET;
         sg_free(other);
     }
     if (d)
@@ -413,15 +415,28 @@ static int refuse_owners(sg_ctx *ctx, const char *path, const char *beside)
     return code;
 }
 
-static int hash_written(sg_ctx *ctx, const struct sg_file_writer *w, char out[PLY_HASH])
+static int hash_file(sg_ctx *ctx, const char *path, char out[PLY_HASH])
 {
     char *bytes;
     size_t size;
-    const int code = sg_file_read(ctx, w->temporary, FILE_MAX, &bytes, &size);
+    const int code = sg_file_read(ctx, path, FILE_MAX, &bytes, &size);
     if (!code)
         hash_of(bytes, size, out);
     sg_free(bytes);
     return code;
+}
+
+/* Networks that would be replaced by others are of no other anchors. */
+static int check_networks(sg_ctx *ctx, const char *path, const char *beside, const char *hash)
+{
+    char found[PLY_HASH];
+    if (!sg_file_exists(beside))
+        return SG_OK;
+    const int code = hash_file(ctx, beside, found);
+    if (code == SG_ERR_BUDGET || (!code && !strcmp(found, hash)))
+        return code;
+    sg_clear_error(ctx);
+    return refuse_owners(ctx, path, beside);
 }
 
 int sg_anchors_write(sg_ctx *ctx, const struct sg_model *m, const char *path)
@@ -430,12 +445,12 @@ int sg_anchors_write(sg_ctx *ctx, const struct sg_model *m, const char *path)
     struct sg_file_writer of_networks = {0}, of_anchors = {0};
     char *beside = networks_path(ctx, path);
     int code = beside ? SG_OK : SG_ERR_BUDGET;
-    if (!code && sg_file_exists(beside))
-        code = refuse_owners(ctx, path, beside);
     if (!code)
         code = write_networks(ctx, m->columns->networks, beside, &of_networks);
     if (!code)
-        code = hash_written(ctx, &of_networks, hash);
+        code = hash_file(ctx, of_networks.temporary, hash);
+    if (!code)
+        code = check_networks(ctx, path, beside, hash);
     if (!code)
         code = write_anchors(ctx, m, path, hash, &of_anchors);
     if (!code) /* with the bytes of both on the disk */
