@@ -101,11 +101,14 @@ def main():
         plan = json.load(f)
     files = {file: read_rows(file) for file in dict.fromkeys(FILES)}
     groups = runs_of(sqlite3.connect(f"file:{db}?mode=ro", uri=True))
-    clean = {s: sum(r["max_gaussians"] for r in runs) / len(runs)
-             for (s, photos, defense), runs in groups.items() if photos == "clean" and defense == "off"}
+    clean = {s: float(r["Gaussians, most"]) for (s, *of), r in files[FILES[0]].items() if of == ["clean", "off"]}
+    clean |= {s: sum(r["max_gaussians"] for r in runs) / len(runs)
+              for (s, *of), runs in groups.items() if of == ["clean", "off"]}
     changed = {}
     for name, runs in groups.items():
-        block = next(i for i, b in enumerate(plan["runs"]) if name[1] in b["photos"] and name[2] in b["defenses"])
+        block = next((i for i, b in enumerate(plan["runs"]) if name[1] in b["photos"] and name[2] in b["defenses"]), -1)
+        if block < 0 or name[0] not in clean:
+            sys.exit(f"{db}: found a run of {', '.join(name)}, expected runs of the plan desk, with clean, off of a scene")
         if not is_same(row_of(name, runs, clean[name[0]], machine), files[FILES[block]].get(name)):
             changed[name] = files[FILES[block]]
     for scene, of in plan["scenes"].items():

@@ -119,4 +119,11 @@ end
         [ "$(sed 1d side/results/desk-limits.tsv | cut -f 2,3,6,8)" = "$(printf 'clean\thalf\t0.50\t29.00')" ] ||
             fail "bench/desk.py wrote: $(cat side/results/desk-limits.tsv)"
     done
+    cp side/results/desk.tsv whole
+    python3 -c 'import sqlite3; db = sqlite3.connect("side/results.db"); db.execute("DELETE FROM cell WHERE key != ?", "d"); db.commit()'
+    python3 side/desk.py side/results.db here side/data || fail "bench/desk.py knows no clean count"
+    cmp whole side/results/desk.tsv || fail "bench/desk.py loses rows of which a database has no runs"
+    rm side/results/*
+    python3 side/desk.py side/results.db here side/data 2>err && fail "bench/desk.py made up a clean count"
+    says 'found a run of made, eps8, cap'
 fi
