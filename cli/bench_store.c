@@ -275,6 +275,8 @@ int store_open(const char *path, bool must_exist, struct store **out)
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
     sqlite3_limit(s->db, SQLITE_LIMIT_LENGTH, VALUE_BYTES);
     int code = check_kind(s);
+    if (!code)
+        sqlite3_db_config(s->db, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 0, NULL);
     if (!code && !must_exist)
         code = check_whole(s);
     if (!code && !must_exist)

@@ -421,6 +421,9 @@ cmp log.db copy.db && [ -s log.db-wal ] || fail "another's database with a log h
 expect 0 bench plan.json -o used.db -q
 : >zero.db
 expect 0 bench plan.json -o zero.db --work used.db.work -q
+ask zero.db 'pragma journal_mode=wal' >/dev/null
+expect 0 bench plan.json -o zero.db --work used.db.work -q
+[ ! -s zero.db-wal ] || fail "bench leaves results in a log beside its database"
 cp used.db copy.db
 chmod 444 used.db
 if ! [ -w used.db ]; then # root may write it all the same
