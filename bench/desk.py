@@ -15,15 +15,16 @@ import sqlite3
 import subprocess
 import sys
 
+from overview import RESULTS, VIEWS
+
 HERE = os.path.dirname(os.path.abspath(__file__))
 FILES = ["desk", "desk", "desk-limits", "desk-ablations", "desk-attackers"]  # of each block of the plan's runs
-VIEWS = ["PSNR, dB", "object PSNR, dB", "SSIM"]
 COLUMNS = ["scene", "photos", "defense", "seeds", "Gaussians, most", "of clean", "Gaussians, end", *VIEWS, "memory, MB",
            "commit", "machine"]
 
 
 def path_of(file):
-    return os.path.join(HERE, "results", file + ".tsv")
+    return os.path.join(RESULTS, file + ".tsv")
 
 
 def name_of(row):
