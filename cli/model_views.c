@@ -42,24 +42,13 @@ int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *comma
 /* The photos that views show. Renders have their appearances, where the model has them and the
  * command line asks for no other. */
 static int find_photos(struct model_views *v, const struct command *command, bool asked,
-                       int appearance)
+                       const struct sg_render_params *render)
 {
     const size_t learned = sg_model_appearances(v->model);
     bool any = false;
-    if (asked && (appearance >= 0 ? (size_t) appearance >= learned : !learned)) {
-        char found[16];
-        snprintf(found, sizeof(found), "%d", appearance);
-        say(stderr, "splatguard %s: --appearance: found %s, expected ", command->name,
-            appearance == SG_APPEARANCE_MEAN    ? "mean"
-            : appearance == SG_APPEARANCE_ZERO  ? "zero"
-            : appearance == SG_APPEARANCE_INDEX ? "index"
-                                                : found);
-        if (learned)
-            say(stderr, "a photo from 0 to %zu, or index, mean or zero\n", learned - 1);
-        else
-            say(stderr, "none: the model has no appearances of photos\n");
-        return STATUS_USAGE;
-    }
+    const int error = asked ? sg_render_check_appearance(v->ctx, v->model, render) : SG_OK;
+    if (error)
+        return report_option(v->ctx, command, error);
     v->eval.photos = v->photos = malloc(v->n * sizeof(*v->photos));
     if (!v->photos)
         return no_memory();
@@ -236,8 +225,7 @@ int model_views_load(struct model_views *v, const struct command *command, const
     const size_t appearance =
         (size_t) ((const char *) &o->render.appearance - (const char *) config);
     if (!code)
-        code = find_photos(v, command, options_given(command, given, appearance),
-                           o->render.appearance);
+        code = find_photos(v, command, options_given(command, given, appearance), &o->render);
     return code;
 }
 

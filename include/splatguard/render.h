@@ -69,6 +69,11 @@ SG_API int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
                               sg_renderer **out);
 SG_API void sg_renderer_destroy(sg_renderer **renderer);
 
+/* SG_ERR_USAGE if the model does not have an appearance of params. A renderer draws the mean of
+ * all then, and a model without appearances as it is. */
+SG_API int sg_render_check_appearance(sg_ctx *ctx, const struct sg_model *model,
+                                      const struct sg_render_params *params);
+
 /* Says which view of a list the next renders are, for SG_APPEARANCE_INDEX. SIZE_MAX: none, as at
  * the beginning. */
 SG_API void sg_renderer_set_index(sg_renderer *renderer, size_t index);

@@ -202,27 +202,13 @@ static PyObject *model_inspect(PyObject *module, PyObject *args)
 
 #define UNASKED INT_MIN
 
-/* Without an appearance that is asked for, the default; else whether the model has it. */
-static bool settle_appearance(const struct sg_model *model, struct sg_render_params *p)
+/* An appearance that is asked for is one that the model has. */
+static int settle_appearance(sg_ctx *ctx, const struct sg_model *model, struct sg_render_params *p)
 {
-    const size_t learned = sg_model_appearances(model);
-    char found[32];
-    if (p->appearance == UNASKED) {
-        p->appearance = sg_render_params_default().appearance;
-        return true;
-    }
-    if (p->appearance >= 0 ? (size_t) p->appearance < learned : learned > 0)
-        return true;
-    sg_option_get(sg_option_find(sg_render_options(), "appearance"), p, found, sizeof(found));
-    if (learned)
-        PyErr_Format(error_type(SG_ERR_USAGE),
-                     "appearance: found %s, expected a photo from 0 to %zu, or index, mean or zero",
-                     found, learned - 1);
-    else
-        PyErr_Format(error_type(SG_ERR_USAGE),
-                     "appearance: found %s, expected none: the model has no appearances of photos",
-                     found);
-    return false;
+    if (p->appearance != UNASKED)
+        return sg_render_check_appearance(ctx, model, p);
+    p->appearance = sg_render_params_default().appearance;
+    return SG_OK;
 }
 
 static PyObject *renderer_new(PyObject *module, PyObject *args)
@@ -236,10 +222,10 @@ static PyObject *renderer_new(PyObject *module, PyObject *args)
     if (keep &&
         PyArg_ParseTuple(args, "O&zzO!(fff)", to_model, &model, &engine, &cpu, &PyDict_Type, &dict,
                          &p.background[0], &p.background[1], &p.background[2]) &&
-        params_set(sg_render_options(), &p, dict, keep) && settle_appearance(model->model, &p) &&
-        (h = handle_new(RENDERER, model->context, NULL)) &&
+        params_set(sg_render_options(), &p, dict, keep) && (h = handle_new(RENDERER, model->context, NULL)) &&
         /* A model that is not finite can be inspected but not drawn. */
-        !CALL(model->context, sg_model_check(model->context->ctx, model->model, "model")
+        !CALL(model->context, settle_appearance(model->context->ctx, model->model, &p)
+                                  ?: sg_model_check(model->context->ctx, model->model, "model")
                                   ?: sg_renderer_create(model->context->ctx, engine, cpu,
                                                         model->model, &p, &h->renderer)))
         Py_CLEAR(h);

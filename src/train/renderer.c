@@ -40,6 +40,26 @@ struct sg_render_params sg_render_params_default(void)
     return (struct sg_render_params){SG_RENDER_DEFAULTS};
 }
 
+int sg_render_check_appearance(sg_ctx *ctx, const struct sg_model *model,
+                               const struct sg_render_params *params)
+{
+    const size_t learned = sg_model_appearances(model);
+    const int wanted = params->appearance;
+    char found[32];
+    sg_clear_error(ctx);
+    if (wanted >= 0 ? (size_t) wanted < learned : learned > 0)
+        return SG_OK;
+    sg_option_get(sg_option_find(sg_render_options(), "appearance"), params, found, sizeof(found));
+    return learned ? sg_fail(ctx, SG_ERR_USAGE,
+                             "appearance: found %s, expected a photo from 0 to %zu, or index, mean "
+                             "or zero",
+                             found, learned - 1)
+                   : sg_fail(ctx, SG_ERR_USAGE,
+                             "appearance: found %s, expected none: the model has no appearances of "
+                             "photos",
+                             found);
+}
+
 static int check_background(sg_ctx *ctx, const float background[3])
 {
     for (int ch = 0; ch < 3; ch++)
