@@ -478,19 +478,15 @@ static bool is_written(const char *name)
  * which is an error when the file is written. */
 static int remove_unfinished(sg_ctx *ctx, const char *folder, const char *file)
 {
-    char *path, name[NAME_MAX + 1];
+    char *path;
     const int code = sg_path_below(ctx, folder, file, &path);
     if (!code)
         *strrchr(path, '/') = 0;
     DIR *d = code ? NULL : opendir(path);
-    for (struct dirent *e; d && (e = readdir(d));) {
-        const size_t length = sg_file_temporary(e->d_name);
-        snprintf(name, sizeof(name), "%.*s", (int) length, e->d_name);
-        if (length && is_written(name))
-            unlinkat(dirfd(d), e->d_name, 0);
-    }
-    if (d)
+    if (d) {
+        sg_remove_temporary(d, is_written);
         closedir(d);
+    }
     sg_free(path);
     if (code == SG_ERR_INPUT)
         sg_clear_error(ctx);
@@ -516,10 +512,10 @@ static int remove_unfinished_photos(sg_ctx *ctx, const struct sg_scene *scene,
         char *file = image_file(ctx, scene, view, files);
         char *mask = file ? mask_file(ctx, scene, view, transforms, file) : NULL;
         code = mask ? SG_OK : SG_ERR_BUDGET;
-        if (!code && !is_beside(file, before))
+        if (!code && !is_beside(file, before)) {
             code = remove_unfinished(ctx, folder, file);
-        if (!code && !is_beside(file, before))
-            code = remove_unfinished(ctx, folder, mask);
+            code = code ? code : remove_unfinished(ctx, folder, mask);
+        }
         sg_free(mask);
         sg_free(before);
         before = file;

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <stdatomic.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -106,13 +107,19 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
     return SG_OK;
 }
 
-size_t sg_file_temporary(const char *name)
+void sg_remove_temporary(DIR *folder, bool (*is_own)(const char *name))
 {
-    const char *ending = strrchr(name, '.');
-    if (!ending || strncmp(ending, ".tmp", 4))
-        return 0;
-    const size_t digits = strspn(ending + 4, "0123456789");
-    return digits && !ending[4 + digits] ? (size_t) (ending - name) : 0;
+    for (struct dirent *e; (e = readdir(folder));) {
+        char name[NAME_MAX + 1];
+        const char *ending = strrchr(e->d_name, '.');
+        const size_t digits =
+            ending && !strncmp(ending, ".tmp", 4) ? strspn(ending + 4, "0123456789") : 0;
+        if (!digits || ending[4 + digits])
+            continue;
+        snprintf(name, sizeof(name), "%.*s", (int) (ending - e->d_name), e->d_name);
+        if (is_own(name))
+            unlinkat(dirfd(folder), e->d_name, 0);
+    }
 }
 
 int sg_file_sync(sg_ctx *ctx, const struct sg_file_writer *w)
@@ -206,6 +213,15 @@ bool sg_dir_exists(const char *path)
     return !stat(path, &st) && S_ISDIR(st.st_mode);
 }
 
+void sg_dir_unmake(char *path, size_t made)
+{
+    for (size_t n = strlen(path); made && n >= made; n--)
+        if (!path[n] || path[n] == '/') {
+            path[n] = 0;
+            rmdir(path); /* where it is empty */
+        }
+}
+
 #define MAKE_TRIES 100
 
 int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
@@ -240,24 +256,14 @@ int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
             break;
         *p++ = kept;
     }
-    if (code && *made) /* those above it go again */
-        for (char *slash; (slash = strrchr(copy, '/')) && (size_t) (slash - copy) >= *made;) {
-            *slash = 0;
-            rmdir(copy);
-        }
+    char *slash = code ? strrchr(copy, '/') : NULL;
+    if (slash) { /* the folders above it go again */
+        *slash = 0;
+        sg_dir_unmake(copy, *made);
+    }
     *made = code ? 0 : *made;
     sg_free(copy);
     return code;
-}
-
-void sg_dir_unmake(char *path, size_t made)
-{
-    for (size_t n = strlen(path); made && n >= made; n--)
-        if (!path[n] || path[n] == '/') {
-            path[n] = 0;
-            if (rmdir(path))
-                break;
-        }
 }
 
 int sg_dir_create(sg_ctx *ctx, const char *path)

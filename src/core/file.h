@@ -3,6 +3,7 @@
 #ifndef SG_CORE_FILE_H
 #define SG_CORE_FILE_H
 
+#include <dirent.h>
 #include <stdbool.h>
 #include <stdio.h>
 
@@ -36,8 +37,9 @@ int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size);
 int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 
-/* Of the name of a temporary file: the length of what the file was to be called. Else 0. */
-size_t sg_file_temporary(const char *name);
+/* Removes the temporary files of a killed process from a folder: of those that were to get a name
+ * of its own. */
+void sg_remove_temporary(DIR *folder, bool (*is_own)(const char *name));
 
 /* Numbers as bytes, the lowest first on every machine. Errors are those of the stream. */
 void sg_put_int(FILE *to, uint64_t value, int bytes);

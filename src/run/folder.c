@@ -96,26 +96,17 @@ static DIR *open_folder(int at, const char *name, int links)
     return d;
 }
 
-/* Whether a name is the temporary one of a file that runs and attacks write. */
-static bool is_temporary(const char *file)
+/* Whether runs and attacks write files of that name. */
+static bool is_written(const char *file)
 {
     static const char *const names[] = {
         "config.json",          "summary.json", "log.jsonl", "checkpoint.bin",  "cfg_args",
         "cameras.json",         "input.ply",    "decoy.ply", "point_cloud.ply", "exposure.json",
         "networks.safetensors", "poison.json"};
-    const size_t length = sg_file_temporary(file);
     bool found = false;
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++)
-        found |= length == strlen(names[i]) && !strncmp(file, names[i], length);
+        found |= !strcmp(file, names[i]);
     return found;
-}
-
-/* Removes the unfinished files of a killed process from a folder. */
-static void remove_temporary(DIR *d)
-{
-    for (struct dirent *e; (e = readdir(d));)
-        if (is_temporary(e->d_name))
-            unlinkat(dirfd(d), e->d_name, 0);
 }
 
 /* Leftovers in every point_cloud/iteration_N, and the models of iterations after one. */
@@ -130,7 +121,7 @@ static void clean_models(DIR *run, int after)
                      : NULL;
         if (!d)
             continue;
-        remove_temporary(d);
+        sg_remove_temporary(d, is_written);
         if (n > after) {
             unlinkat(dirfd(d), "point_cloud.ply", 0);
             unlinkat(dirfd(d), "networks.safetensors", 0);
@@ -151,7 +142,7 @@ static void clean(const char *run, bool all)
     DIR *d = open_folder(AT_FDCWD, run, 0);
     if (!d)
         return;
-    remove_temporary(d);
+    sg_remove_temporary(d, is_written);
     for (size_t i = 0; all && i < sizeof(files) / sizeof(files[0]); i++)
         unlinkat(dirfd(d), files[i], 0);
     clean_models(d, all ? 0 : INT_MAX);
